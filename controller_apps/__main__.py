@@ -21,7 +21,7 @@ from wire.config import BadConfig, ControllerConfig
 from wire.network_time import SteppedTime
 
 APPS = ("learning_switch", "quantum_metadata", "device_monitor", "key_relays")
-# The controller asks for no names: without its own resolver eventlet is there much sooner.
+# The controller asks for no names: without its own resolver eventlet loads much faster.
 os.environ.setdefault("EVENTLET_NO_GREENDNS", "yes")
 WSGI_APPS = {"ryu.app.ofctl_rest", "ryu.app.rest_topology"}
 
@@ -31,7 +31,7 @@ class Fatal(Exception):
 
 
 def main() -> int:
-    """Run until told to end; return the exit status."""
+    """Run until a signal to end; return the exit status."""
     gc.disable()  # until all is loaded, which stays
     options = argparse.ArgumentParser(prog="controller_apps", description=__doc__)
     options.add_argument("--config", type=Path, required=True, help="a ControllerConfig in JSON")
@@ -57,7 +57,7 @@ def main() -> int:
 
 def run(config: ControllerConfig) -> None:
     """Serve until SIGTERM or SIGINT."""
-    read_policy(config.policy)  # the apps read it; what is wrong is said before they start
+    read_policy(config.policy)  # the apps read it; errors are reported before they start
     framework = load_framework(config.framework)
     host, port = read_address("listen", config.listen)
     check_free("listen", host, port)
@@ -195,7 +195,7 @@ def wait_until_listening(framework: Any, host: str, port: int) -> None:
 
 
 def stop_socket() -> socket.socket:
-    """Return a socket that becomes readable when the process is told to end.
+    """Return a socket that becomes readable when the process gets a signal to end.
 
     Both frameworks can wait for a socket; under eventlet a handler could not wake the hub.
     """

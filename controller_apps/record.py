@@ -3,7 +3,7 @@
 The lines that a controller's log has of what hosts send: of each switch port some a second.
 
 A program's log keeps its newest lines (topologies/networks/disk.py): who floods a port would leave
-none of what others have said.
+none of the messages of others.
 """
 
 import logging
@@ -21,7 +21,7 @@ LINES = 5  # of a port, in a second
 
 @dataclass
 class Second:
-    """What a port has had of a second."""
+    """A port's share of a second."""
 
     began_s: float
     lines: int = 0

@@ -41,7 +41,7 @@ from wire.malformed import MalformedPacket
 from wire.metadata.header import Message
 from wire.metadata.setup import Answer
 from wire.metadata.vocabulary import Reason
-from wire.seal_orders import GiveBack, SealOrder
+from wire.monitor_messages import GiveBack, SealOrder
 
 log = logging.getLogger("node-agent")
 

@@ -3,12 +3,11 @@
 import asyncio
 from contextlib import AbstractAsyncContextManager, nullcontext
 
-from qswitch_agent.bridge import Commands, Monitor
+from qswitch_agent.bridge import Commands, Monitor, SupervisoryChannels
 from qswitch_agent.hardware.optics import OpticalHardware
 from qswitch_agent.light_paths import LightPaths
 from qswitch_agent.openflow.ports import Port
 from qswitch_agent.proxy.proxy import Address, Programs, Proxy, Server
-from qswitch_agent.supervision import SupervisoryChannels
 from qswitch_agent.switch import Switch
 from qswitch_agent.timeouts import HOLD_DEADLINE_S
 from wire.config import AgentConfig, BadConfig
@@ -77,7 +76,7 @@ class Agent:
         """Serve telemetry meanwhile, if that is configured."""
         if not self._config.gnmi:
             return nullcontext()
-        from qswitch_agent.telemetry.server import serving
+        from qswitch_agent.telemetry.service import serving
 
         return serving(self._config, self._switch)
 

@@ -1,16 +1,23 @@
 """The agent's own connections to its bridge: one watches flow table and ports, one commands.
 
 Two, because Open vSwitch's flow monitor abbreviates changes made on its own connection.
+
+The fibres' supervisory channels: the packets that accompany the light, which are LLDP alone.
+
+The bridge forwards no packet into a fibre (OFPPC_NO_FWD); what a controller sends there by
+PACKET_OUT the agent puts onto the link itself.
 """
 
 import asyncio
+import contextlib
 import itertools
 import logging
-from collections.abc import Callable
+import socket
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from qswitch_agent.openflow import constants as ofp
-from qswitch_agent.openflow import flow_reports, flows, messages, multipart, ports
+from qswitch_agent.openflow import flow_reports, flows, messages, ports
 from qswitch_agent.openflow.flow_reports import FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry
 from qswitch_agent.openflow.messages import Framer
@@ -37,7 +44,7 @@ class Connection:
         self._ended = ""  # why nothing is read any more
 
     async def open(self) -> None:
-        """Connect; raise BridgeFault if no bridge is there."""
+        """Connect; raise BridgeFault if there is no bridge."""
         try:
             self._reader, self._writer = await asyncio.open_unix_connection(self._path)
         except OSError as error:
@@ -122,7 +129,7 @@ class Monitor(Connection):
     ) -> None:
         """Hand each batch of changes of the flow table and of the ports over, in order.
 
-        What the bridge has changed at once, as a bundle, is one batch.
+        Simultaneous changes of the bridge, as by a bundle, are one batch.
         """
         super().__init__(path)
         self._on_updates = on_updates
@@ -132,7 +139,7 @@ class Monitor(Connection):
         self._complete.set()
 
     async def open(self) -> None:
-        """Connect and ask for flow table and ports; raise BridgeFault if no bridge is there."""
+        """Connect and ask for flow table and ports; raise BridgeFault if there is no bridge."""
         await super().open()
         self._writer.write(flow_reports.flow_monitor_request(1) + ports.port_watch(2))
 
@@ -154,7 +161,7 @@ class Monitor(Connection):
     def _hear(self, message: bytes) -> None:
         kind = messages.message_type(message)
         if kind == ofp.OFPT_MULTIPART_REPLY:
-            if multipart.multipart_type(message) == ofp.OFPMP_PORT_DESC:
+            if messages.multipart_type(message) == ofp.OFPMP_PORT_DESC:
                 self._on_ports(ports.described_ports(message))
             else:
                 self._take_updates(message)
@@ -178,13 +185,13 @@ class Monitor(Connection):
             elif update.event == flow_reports.RESUMED:
                 self._complete.set()
         self._batch += updates
-        if self._batch and not multipart.more_follows(message):
+        if self._batch and not messages.more_follows(message):
             batch, self._batch = self._batch, []
             self._on_updates(batch)
 
 
 class Commands(Connection):
-    """What the agent itself changes in the bridge."""
+    """Changes that the agent itself makes in the bridge."""
 
     def delete(self, entry: FlowEntry) -> None:
         self._writer.write(flows.delete_strict(entry, next(self._xids)))
@@ -208,3 +215,47 @@ class Commands(Connection):
     def _hear(self, message: bytes) -> None:
         if messages.message_type(message) == ofp.OFPT_ERROR:
             log.error("the bridge refuses what the agent asks: %s", messages.error_code(message))
+
+
+class SupervisoryChannels:
+    """The fibre ports as links that packets could take."""
+
+    def __init__(self, fibers: frozenset[int], commands: Commands) -> None:
+        self.ports: dict[int, Port] = {}  # the fibre ports by number
+        self._fibers = fibers
+        self._commands = commands
+        self._sockets: dict[str, socket.socket] = {}
+
+    def update(self, ports: Iterable[Port]) -> None:
+        for port in ports:
+            if port.number in self._fibers:
+                self.ports[port.number] = port
+                if not port.config & NO_PACKETS:
+                    self._commands.keep_packets_out(port)
+
+    def send(self, number: int, frame: bytes) -> None:
+        """Send a frame into a fibre; a fibre that is cut takes it and says nothing."""
+        name = self.ports[number].name
+        try:
+            self._socket(name).send(frame)
+        except OSError as error:
+            log.debug("port %d (%s): %s", number, name, error)
+            with contextlib.suppress(KeyError):
+                self._sockets.pop(name).close()  # the interface may be another one by now
+
+    def announce(self, numbers: Iterable[int]) -> None:
+        for number in sorted(numbers):
+            if number in self.ports:
+                self._commands.announce(self.ports[number])
+
+    def close(self) -> None:
+        for channel in self._sockets.values():
+            channel.close()
+
+    def _socket(self, name: str) -> socket.socket:
+        if name not in self._sockets:
+            channel = socket.socket(socket.AF_PACKET, socket.SOCK_RAW)
+            self._sockets[name] = channel
+            channel.setblocking(False)
+            channel.bind((name, 0))
+        return self._sockets[name]

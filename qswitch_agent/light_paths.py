@@ -1,4 +1,11 @@
-"""Keeps the hardware's cross-connects what the flow table asks for."""
+"""Keeps the hardware's cross-connects what the flow table asks for.
+
+Light entries that were let into the table, until the hardware has done them.
+
+Cross-connects that the hardware is known to be unable to make are refused at FLOW_MOD or COMMIT. If
+it turns out later, the controller that asked hears of it by an error with the xid of its message,
+before its barrier is answered, and the entry is deleted.
+"""
 
 import asyncio
 import logging
@@ -6,6 +13,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 from qswitch_agent.hardware.optics import (
     CrossConnect,
@@ -18,9 +26,59 @@ from qswitch_agent.openflow.flow_reports import ADDED, REMOVED, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry
 from qswitch_agent.openflow.instructions import Mark
 from qswitch_agent.openflow.ports import Port
-from qswitch_agent.promises import Promises
 from qswitch_agent.timeouts import IDLE_POLL_S
 from wire.network_time import REAL_TIME, NetworkTime
+
+MAX_PROMISES = 4096  # an entry that the bridge itself has refused stays until then
+
+
+class Asker(Protocol):
+    """A controller's connection."""
+
+    def fail(self, request: bytes, reason: str) -> None:
+        """Answer a request of the controller with an error after all."""
+
+
+Promise = tuple[Asker, bytes]  # who asked, and the message
+
+
+class Promises:
+    """All of one switch, by the cross-connect that each asks for."""
+
+    def __init__(self) -> None:
+        self._open: OrderedDict[CrossConnect, Promise] = OrderedDict()
+        self.break_one: Callable[[CrossConnect], None] = lambda _path: None
+
+    def __len__(self) -> int:
+        return len(self._open)
+
+    def add(self, path: CrossConnect, asker: Asker, request: bytes) -> None:
+        self._open[path] = asker, request
+        self._open.move_to_end(path)
+        if len(self._open) > MAX_PROMISES:
+            self._open.popitem(last=False)
+
+    def due(self, paths: Iterable[CrossConnect]) -> list[CrossConnect]:
+        return [path for path in paths if path in self._open]
+
+    def settle(self, due: Iterable[CrossConnect], refused: Mapping[CrossConnect, str]) -> None:
+        """The hardware has done what was due, but for what it has refused: answer that."""
+        for path in due:
+            promise = self._open.pop(path, None)
+            if promise is not None and path in refused:
+                self._break(path, *promise, refused[path])
+
+    def give_up(self, asker: Asker, reason: str) -> None:
+        """Answer all that a controller waits for: it cannot wait any longer."""
+        for path, (other, request) in list(self._open.items()):
+            if other is asker:
+                del self._open[path]
+                self._break(path, asker, request, reason)
+
+    def _break(self, path: CrossConnect, asker: Asker, request: bytes, reason: str) -> None:
+        asker.fail(request, reason)
+        self.break_one(path)
+
 
 MAX_REMOVED = 4096
 log = logging.getLogger(__name__)
@@ -63,7 +121,7 @@ class LightPaths:
 
     @property
     def standing(self) -> frozenset[CrossConnect]:
-        """What the hardware has made, and light passes."""
+        """The cross-connects that the hardware has made."""
         return self._standing
 
     def update(self, updates: Iterable[FlowUpdate]) -> None:
@@ -206,10 +264,10 @@ class LightPaths:
         if opened_again:  # it is dark in between, however soon one follows the other
             await self._make(self._standing - closed)
         refused = await self._make(plan.cross_connects)
-        made = plan.cross_connects - refused.keys()
-        self._made = None if refused else made
+        opened = plan.cross_connects - refused.keys()
+        self._made = None if refused else opened
         elapsed_ms = (time.monotonic() - started) * 1e3
-        self._news = f"{_text(made)}, ready in {elapsed_ms:.2f} ms"
+        self._news = f"{_text(opened)}, ready in {elapsed_ms:.2f} ms"
         return {**plan.refused, **refused}
 
     async def _make(self, paths: frozenset[CrossConnect]) -> dict[CrossConnect, str]:

@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
 from typing import Protocol
 
+from qswitch_agent.bridge import SupervisoryChannels
 from qswitch_agent.hardware.optics import (
     Condition,
     CrossConnect,
@@ -16,7 +17,7 @@ from qswitch_agent.hardware.optics import (
     OpticalHardware,
     Readings,
 )
-from qswitch_agent.light_paths import LightPaths
+from qswitch_agent.light_paths import Asker, LightPaths
 from qswitch_agent.middleware import optical_ports
 from qswitch_agent.middleware.flow_table import FlowTable
 from qswitch_agent.middleware.optical_ports import Tuned
@@ -26,8 +27,6 @@ from qswitch_agent.openflow.flows import FlowEntry, FlowMod
 from qswitch_agent.openflow.identity import Identity, on_fiber
 from qswitch_agent.openflow.ports import Port
 from qswitch_agent.openflow.refusals import Refusal
-from qswitch_agent.promises import Asker
-from qswitch_agent.supervision import SupervisoryChannels
 from qswitch_agent.timeouts import CONDITION_DEADLINE_S
 from wire.optical import PathOptics, PortLight, PortTuning
 
@@ -59,11 +58,11 @@ class Unconfirmed(Protocol):
         """Wait until the bridge has made all; tell whether any may be unreported yet."""
 
     def reported(self, confirmed: int) -> None:
-        """Note that the flow monitor has reported so many."""
+        """Note the number of changes that the flow monitor has reported."""
 
 
 class Switch:
-    """What all connections of all controllers share."""
+    """The state that all connections of all controllers share."""
 
     def __init__(
         self,
@@ -125,7 +124,7 @@ class Switch:
     async def trial(self, connection: Unconfirmed) -> AsyncIterator[FlowTable]:
         """Give a copy of the table in which a controller can try a change; one at a time.
 
-        What controllers have asked for before is in it, whether they waited for it or not.
+        It includes earlier requests of controllers, whether they waited for them or not.
         """
         async with self._checking:
             waited = [
@@ -146,7 +145,7 @@ class Switch:
     def require_possible(self, trial: FlowTable, mods: Iterable[FlowMod]) -> None:
         """Raise Refusal if a change asks for a path that cannot be, or makes one impossible.
 
-        `told` is what the bridge would be told for it.
+        `mods` are the messages to the bridge for it.
         """
         for reason in self.impossible(trial, mods).values():
             raise impossible_path(reason)
@@ -157,11 +156,11 @@ class Switch:
         if not refused:
             return {}
         requested = circuits(mods)
-        known = self.paths.table.plan().refused
+        already = self.paths.table.plan().refused
         return {
             path: reason
             for path, reason in refused.items()
-            if path not in known or path.circuit in requested
+            if path not in already or path.circuit in requested
         }
 
     def promise(self, mod: FlowMod, asker: Asker, request: bytes) -> None:
@@ -170,7 +169,7 @@ class Switch:
             self.paths.promises.add(path, asker, request)
 
     def seen_when_done(self, mods: Iterable[FlowMod]) -> tuple[FlowMod, ...] | None:
-        """Return what the bridge is told; None if the table shows some of it before it is done."""
+        """Return the messages to the bridge; None if the table shows one before it is executed."""
         mods = tuple(mods)
         shown = any(self.paths.table.shows(mod) for mod in mods if not mod.deletes)
         return None if shown else mods

@@ -4,7 +4,7 @@
 BARRIER_DEADLINE_S = 5.0  # until the bridge answers a barrier
 SHOW_SOON_S = 0.002  # that a reply waits for the barrier's behind it, to go in one write
 HOLD_DEADLINE_S = 5.0  # that a reply waits for those of its members that are late
-CLOSE_DEADLINE_S = 0.5  # until a connection that is closed has taken what was said to it
+CLOSE_DEADLINE_S = 0.5  # until a closed connection has taken its last messages
 
 FIRST_RETRY_S = 0.05  # until the controller is called again at first
 LAST_RETRY_S = 1.0  # the same, in the end
@@ -14,7 +14,7 @@ TELEMETRY_PERIOD_S = 1.0  # between two looks, unless a subscription says anothe
 TELEMETRY_LEAST_S = 0.1  # the shortest that it can say
 
 # Optics
-CONDITION_DEADLINE_S = 15.0  # until the hardware has told its condition; a network starts meanwhile
-CALL_DEADLINE_S = 4.0  # until the hardware has done what it was told
-SCPI_POLL_S = 1.0  # between two questions for what an instrument does not tell by itself
+CONDITION_DEADLINE_S = 15.0  # until the hardware has reported its condition, as a network starts
+CALL_DEADLINE_S = 4.0  # until the hardware has executed a command
+SCPI_POLL_S = 1.0  # between two questions for values that an instrument does not report
 IDLE_POLL_S = 0.25  # between two looks for light paths that carry nothing

@@ -1,4 +1,4 @@
-"""JSON from the network: so many bytes, so deep, every name once, and nothing that JSON lacks."""
+"""JSON from the network: limited size and depth, every name once, and no extensions of JSON."""
 
 import json
 import re

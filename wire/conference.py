@@ -5,7 +5,7 @@
     +---------+---------+-------+---------+---------+-------------------------+
       u8        u64       u8      f64       f64       commas between, leader first
 
-Network byte order. It travels in an envelope, and everything said later is proved together with it.
+Network byte order. It travels in an envelope, and the later proofs include it.
 """
 
 import struct

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any, Self
 
 from wire import typed_json
-from wire.announcement import PERIOD_S
 from wire.credentials import Credentials
 from wire.features import NodeFeatures
+from wire.lldp import PERIOD_S
 from wire.network_time import NetworkTime, SteppedTime
 from wire.parameters.checks import check_choice
 from wire.parameters.fiber import Fiber, FiberEnd
@@ -53,7 +53,7 @@ class Config:
     """Reading, writing and time, the same for all."""
 
     time_scale: float = field(default=1.0, kw_only=True)  # seconds here for one of the network
-    time_since_ns: int = field(default=0, kw_only=True)  # when both clocks said the same
+    time_since_ns: int = field(default=0, kw_only=True)  # when both clocks agreed
     time_folder: str = field(default="", kw_only=True)  # of the gate that steps time; empty: paced
     time_slot: int = field(default=0, kw_only=True)  # of this program, among all
 
@@ -82,7 +82,7 @@ class Config:
 
 @dataclass(frozen=True)
 class MeasuredConfig(Config):
-    """What a program is told that can tell Prometheus its metrics."""
+    """The configuration of a program with metrics for Prometheus."""
 
     # The listening socket that the runner has handed over for that; None: it tells nobody.
     metrics_fd: int | None = field(default=None, kw_only=True)
@@ -112,8 +112,8 @@ class DispatcherConfig(MeasuredConfig, DispatcherSettings):
         check_options(self)
 
 
-# Who grants light to hosts: our controller, session by session, by a verdict in the set-up
-# message; or whoever has programmed the switches, and the light stands.
+# Light is granted to hosts by our controller, session by session, by a verdict in the set-up
+# message; or the switches are programmed by others, and the light stands.
 LIGHT = CONTROLLER, STANDING = "controller", "standing"
 
 
@@ -232,7 +232,7 @@ class Cable:
 
 @dataclass(frozen=True)
 class CopperConfig(Config):
-    """What holds packets back for as long as their copper is long."""
+    """The configuration of the program that delays packets by the length of their copper."""
 
     cables: list[Cable]
     simulation: str  # IPv4 address of the dispatcher, whose packets no cable holds back
@@ -241,7 +241,7 @@ class CopperConfig(Config):
 
 @dataclass(frozen=True)
 class GateConfig(Config):
-    """What steps the time of a network: all that it needs is what every program has."""
+    """The configuration of the program that steps time: that of every program."""
 
 
 @dataclass(frozen=True)
@@ -257,7 +257,7 @@ class EntranceConfig(Config):
 
 @dataclass(frozen=True)
 class ControllerConfig(MeasuredConfig, ControllerSettings):
-    """What the controller apps are told; all else they discover."""
+    """The configuration of the controller apps; all else they discover."""
 
     listen: str  # "127.0.0.1:6653"
     framework: str  # "ryu" or "os-ken"

@@ -10,7 +10,7 @@ DeviceQuery, Subscribe, SetDevice ->
 SwapOrder, SealOrder, GiveBack,
 SessionQuery                      ->
                               <-  Answer to SetDevice, to orders and to SessionQuery
-                              <-  SessionEstimate, on its own (wire.session_estimates)
+                              <-  SessionEstimate, on its own (wire.monitor_messages)
 
 Key managers speak by datagrams like these (wire.key_routes), from a port of their own.
 
@@ -27,15 +27,13 @@ from dataclasses import dataclass, fields, replace
 from ipaddress import IPv4Address
 from typing import ClassVar
 
-from wire.key_routes import KeyLinks, KeyRoute, KeyRouteRequest
+from wire.key_routes import KeyLinks, KeyRoute, KeyRouteRequest, padded_name
 from wire.malformed import MalformedPacket
 from wire.metadata.header import HEADER, MAGIC, VERSION, Message
 from wire.metadata.setup import Answer
 from wire.metadata.vocabulary import FEC_NAMES, Reason
-from wire.padded_name import padded_name
+from wire.monitor_messages import GiveBack, SealOrder, SessionEstimate
 from wire.parameters.checks import check_number
-from wire.seal_orders import GiveBack, SealOrder
-from wire.session_estimates import SessionEstimate
 
 DEVICE_PORT = 9012
 MAX_DATAGRAM = 1400  # never a fragment: switches do not see the ports of those
@@ -67,7 +65,7 @@ NOBODY = str(IPv4Address(0))  # no host's address
 
 @dataclass(frozen=True)
 class DeviceSettings:
-    """What every session that begins on a host uses; None leaves it to the application."""
+    """Defaults of every session that begins on a host; None leaves them to the application."""
 
     rate_hz: int | None = None  # pulse rate: pairs a second of the source
     frame_bytes: int | None = None
@@ -256,12 +254,12 @@ class SwapOrder(Message):
     notices: int = 0  # that come from the right: its own, and those that it passes on
     station: str = NOBODY  # IPv4 address of what heralds the link to the right; NOBODY: nothing
     # Pairs are purified before they are swapped: by this protocol (1 BBPSSW, 2 DEJMPS) so often, of
-    # each of so many spans that end here, on either side; 0 rounds: not at all.
+    # each of the spans that end here, on either side; 0 rounds: not at all.
     protocol: int = 0
     rounds: int = 0
     spans_left: int = 0
     spans_right: int = 0
-    # What others tell each other that passes here when it has swapped; at the last node, how many
+    # Messages of others that pass here when it has swapped; at the last node, how many
     # swaps it hears of in the end.
     to_right: int = 0
     to_left: int = 0
@@ -314,7 +312,7 @@ class SwapOrder(Message):
         return order
 
     def _check_schedule(self) -> None:
-        """Raise MalformedPacket unless the others are where they are said to be."""
+        """Raise MalformedPacket for a wrong order of the others."""
         self._check_purification()
         places = self.after_left, self.after_right, self.tell_left, self.notices
         left = max(self.after_left, self.tell_left) < self.place

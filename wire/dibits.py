@@ -32,7 +32,7 @@ Order = Literal["big", "little"]
 
 
 def length(count: int) -> int:
-    """Return how many bytes hold so many numbers."""
+    """Return how many bytes hold this number of dibits."""
     return -(-count // PER_BYTE)
 
 

@@ -37,7 +37,7 @@ def end(file: BinaryIO) -> None:
 
 
 def has_ended(path: Path) -> bool:
-    """Return whether a record is there that has become too long."""
+    """Return whether a record exists that has become too long."""
     if not path.exists() or path.stat().st_size < len(ENDED):
         return False
     with path.open("rb") as file:

@@ -1,9 +1,31 @@
 """The parts of the dispatcher's service beside its messages: limits, tokens, sockets."""
 
 import hmac
+import struct
+from asyncio import StreamReader
 from collections.abc import Iterable
 
+from wire.malformed import MalformedPacket
 from wire.network_time import NetworkTime, SteppedTime
+
+LENGTH = struct.Struct("!I")
+MAX_LENGTH = 1 << 20
+
+
+def encode(message: bytes) -> bytes:
+    return LENGTH.pack(len(message)) + message
+
+
+async def read(stream: StreamReader) -> bytes:
+    """Return the next message.
+
+    Raise EOFError where the stream ends, MalformedPacket for more than MAX_LENGTH bytes.
+    """
+    (length,) = LENGTH.unpack(await stream.readexactly(LENGTH.size))
+    if length > MAX_LENGTH:
+        raise MalformedPacket(f"a message of {length} bytes, more than {MAX_LENGTH}")
+    return await stream.readexactly(length)
+
 
 TOKEN_KEY = "qmn-token"  # noqa: S105 - the name of the metadata entry
 NONCE_KEY, PROOF_KEY = "qmn-nonce", "qmn-proof"  # of a call over a network

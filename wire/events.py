@@ -19,7 +19,7 @@ from wire.malformed import MalformedPacket
 RECORD = struct.Struct("!HBx")  # magic, version; then the message
 MAGIC = 0x5145  # "QE"
 VERSION = 1
-DROPPED = "dropped"  # kind of the event that says how many were not told
+DROPPED = "dropped"  # kind of the event that counts those that were not sent
 UNWRITTEN = "unwritten"  # the last of what a node has caused that is in log and capture
 _SHOWN = frozenset(
     {"time_ns", "node", "kind", "block", "port", "photons", "lost", "detail", "photon"}

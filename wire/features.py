@@ -17,7 +17,7 @@ _FIELDS = struct.Struct("!BI")
 
 
 class Feature(Flag):
-    """What a node can do with qubits."""
+    """The capabilities of a node for qubits."""
 
     EMIT = 1  # make photons, entangled with each other or with what it keeps
     STORE = 2  # keep qubits in a memory
@@ -46,7 +46,7 @@ class NodeFeatures:
 
     @classmethod
     def decode(cls, data: bytes) -> "NodeFeatures":
-        """Read what a host has announced; raise MalformedPacket for what no host can be."""
+        """Read a host's announcement; raise MalformedPacket for impossible features."""
         if len(data) != _FIELDS.size:
             raise MalformedPacket(f"features in {len(data)} bytes, not {_FIELDS.size}")
         return cls.checked(*_FIELDS.unpack(data))

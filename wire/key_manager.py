@@ -21,7 +21,7 @@ class KeyLink:
     peer: str
     opens: bool  # whether sessions are this end's to open
     low: int = 32  # keys of either direction: with fewer of one, sessions are opened
-    high: int = 128  # until there are so many of both
+    high: int = 128  # until both have this number
     pause_s: float = 0.5  # between two sessions at least
     protocol: str = "bb84"
     options: dict[str, Any] = field(default_factory=dict)  # of the sessions

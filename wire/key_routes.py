@@ -19,7 +19,18 @@ from ipaddress import IPv4Address
 
 from wire.malformed import MalformedPacket
 from wire.metadata.header import Message
-from wire.padded_name import padded_name
+
+
+def padded_name(padded: bytes) -> str:
+    """Return the name in a field; raise MalformedPacket for anything else."""
+    try:
+        name = padded.rstrip(b"\0").decode("ascii")
+    except UnicodeDecodeError as error:
+        raise MalformedPacket(f"name {padded!r} is not ASCII") from error
+    if not name or not name.isprintable():
+        raise MalformedPacket(f"name {padded!r} is not a name")
+    return name
+
 
 KEY_AGENT_PORT = 9018
 FROM_KEY_MANAGER, TO_KEY_MANAGER = b"key manager", b"controller to key manager"
@@ -42,7 +53,7 @@ class LinkState:
     theirs: int
     capacity: int  # keys that its store has room for, of both
     rate_bps: int  # secret key made, bits a second
-    qber_ppm: int = UNKNOWN  # of the last session that has told it
+    qber_ppm: int = UNKNOWN  # of the last session that has reported it
     withheld: bool = False  # whether no key goes out, for too many errors
 
 
@@ -70,7 +81,7 @@ class KeyLinks(Message):
 
 @dataclass(frozen=True)
 class KeyRouteRequest(Message):
-    """Ask by whom so many stored keys can come to another host, and for which applications."""
+    """Ask for the route of this number of keys to another host, and for its applications."""
 
     KIND = 38
     FIELDS = struct.Struct(f"!4sI{MAX_SAE}s{MAX_SAE}s")

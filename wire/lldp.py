@@ -2,20 +2,68 @@
 
 A host names one of its fibre ports: chassis id = host name, port id = interface name (both locally
 assigned), management address = IPv4 address of the host's CNIC; what the host can do:
-wire.features; that it is the host that says so: wire.announcement.
+wire.features; an announcement is sealed by the host (below).
 
 A switch says what its controller has it say: chassis id = dpid:0123456789abcdef (locally assigned),
 port id = number (port component), as the frameworks' own topology app writes them, and a seal that
 the controller alone can make.
 
 Ours are organizationally specific TLVs, OUI and subtype before what they hold.
+
+The seal on a host's LLDP: proof of who announces a fibre.
+
+It is the last TLV of ours in a frame (wire.lldp):
+
+    +---------+--------+----------------+
+    | subtype | number | HMAC, 16 bytes |   u8, u64; network byte order
+    +---------+--------+----------------+
+
+The HMAC (SHA-256, cut to 16 bytes) is under the host's device key and covers the TLVs before it and
+the number: the host's clock in nanoseconds, which rises. An old announcement is no use.
+
+Hosts go on to announce their fibres, the more fibres a network has the more rarely: the controller
+takes all of it in.
 """
 
+import hmac
 import struct
 from ipaddress import IPv4Address
 
-from wire.announcement import seal
 from wire.features import NodeFeatures
+from wire.malformed import MalformedPacket
+
+SPEAKER = b"fibre"  # no datagram or verdict under the same key begins so
+TAG_BYTES = 16
+PERIOD_S = 5.0  # between two announcements on a fibre, of a small network
+LONGEST_PERIOD_S = 30.0  # of any, the default of IEEE 802.1AB (msgTxInterval)
+MOST_PER_S = 25  # fibres that hosts announce, in all, up to that
+_SEAL = struct.Struct(f"!Q{TAG_BYTES}s")
+
+
+def period_s(fibers: int) -> float:
+    """Return how long a host waits between two announcements with this number of fibres."""
+    return min(max(PERIOD_S, fibers / MOST_PER_S), LONGEST_PERIOD_S)
+
+
+def seal(tlvs: bytes, key: str, number: int) -> bytes:
+    """Return what the TLV holds behind OUI and subtype; the key is hexadecimal."""
+    return _SEAL.pack(number, _tag(tlvs, key, number))
+
+
+def open_seal(data: bytes, tlvs: bytes, key: str) -> int:
+    """Return the number of an announcement; raise MalformedPacket unless the key's host made it."""
+    if len(data) != _SEAL.size:
+        raise MalformedPacket(f"the seal of an announcement has {len(data)} bytes")
+    number, tag = _SEAL.unpack(data)
+    if not hmac.compare_digest(tag, _tag(tlvs, key, number)):
+        raise MalformedPacket("the seal of an announcement is wrong")
+    return int(number)
+
+
+def _tag(tlvs: bytes, key: str, number: int) -> bytes:
+    covered = SPEAKER + struct.pack("!Q", number) + tlvs
+    return hmac.digest(bytes.fromhex(key), covered, "sha256")[:TAG_BYTES]
+
 
 OUI = b"\x02QM"  # locally administered
 SWITCH_SEAL, FEATURES, HOST_SEAL = 1, 2, 3  # subtypes

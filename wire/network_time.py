@@ -153,7 +153,7 @@ def page(folder: str) -> memoryview:
 class LinkCounts:
     """Counts of messages on a link that no cable delays: time stands while one is under way.
 
-    What carries them may rest for milliseconds of the wall, as gRPC does, while nothing runs.
+    Their carrier, such as gRPC, may rest for milliseconds of the wall while nothing runs.
     """
 
     def __init__(self, time: NetworkTime, far_slot: int | None = None) -> None:

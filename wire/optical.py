@@ -105,7 +105,7 @@ class PortLight(OpticalProperty):
 
 @dataclass(frozen=True)
 class PathOptics:
-    """What a path through a switch does to light; ports ANY_PORT stand for all others."""
+    """The effects of a path through a switch; ports ANY_PORT stand for all others."""
 
     FIELDS: ClassVar[struct.Struct] = struct.Struct("!IIIBB2x")
 

@@ -4,7 +4,7 @@
        name: relative, in UTF-8, its parts apart by "/"
        what is in it
 
-A folder stands before what is in it. Links, devices, owners and modes cannot be said, as they can
+A folder stands before what is in it. Links, devices, owners and modes have no field, as they have
 in tar: what refuses those of others (tarfile.data_filter) not every Python 3.11 has.
 """
 
@@ -23,7 +23,7 @@ MOST_PART_BYTES = 255  # NAME_MAX of limits.h
 
 
 class Kind(IntEnum):
-    """What a name stands for."""
+    """The kind of an entry."""
 
     FOLDER = 0
     FILE = 1

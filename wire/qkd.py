@@ -7,7 +7,7 @@
 
 Network byte order. `length` counts the whole message; the tag covers all that stands before
 it. `sequence` counts the messages of one direction from 0. Bit strings are packed, first bit
-highest, and their padding is 0. What the messages are for: docs/key-distillation.md.
+highest, and their padding is 0. For their purpose see docs/key-distillation.md.
 """
 
 import struct
@@ -123,7 +123,7 @@ class QkdMessage:
 
 @dataclass(frozen=True)
 class Proposal(QkdMessage):
-    """What alice has been told about the session; bob must have been told the same."""
+    """The parameters of the session at alice; bob's must be the same."""
 
     KIND = 1
     FIELDS = struct.Struct("!ddddBBddd")
@@ -219,7 +219,7 @@ class Disclosed(_BitString):
 
 
 class Parities(_BitString):
-    """What bob asked of alice's key, in the order of his question."""
+    """The parities of alice's key that bob requested, in the order of his request."""
 
     KIND = 6
 
@@ -256,7 +256,7 @@ class AskIntervals(QkdMessage):
 
 @dataclass(frozen=True)
 class AskSyndrome(QkdMessage):
-    """LDPC: ask for the syndrome of the key under the code with so many checks."""
+    """LDPC: ask for the syndrome of the key under the code with this number of checks."""
 
     KIND = 9
     FIELDS = struct.Struct("!I")
@@ -303,7 +303,7 @@ class Confirm(QkdMessage):
 
 @dataclass(frozen=True)
 class Abort(QkdMessage):
-    """No key comes of this session, with a text a person can act on."""
+    """This session yields no key, with a text a person can act on."""
 
     KIND = 13
     FIELDS = struct.Struct("!B")

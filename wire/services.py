@@ -17,7 +17,7 @@ from wire.metadata.vocabulary import MemoryState, Reason, Service
 
 
 class Role(Enum):
-    """What a host is in a session."""
+    """The role of a host in a session."""
 
     OPENER = "opener"
     ACCEPTOR = "acceptor"
@@ -26,7 +26,7 @@ class Role(Enum):
 
 
 class Making(Enum):
-    """Who makes the pairs of a session."""
+    """The maker of the pairs of a session."""
 
     SOURCE = "source"  # a third host, which sends a half of each to either end
     OPENER = "opener"  # which keeps a half of each
@@ -108,7 +108,7 @@ HERALDED_LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
         ),
     }
 )
-# What a session comes to need besides, the hosts say: MEASURE to estimate, GATE to purify.
+# Hosts report further needs of a session: MEASURE to estimate, GATE to purify.
 NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
     {
         Service.SDC: {SOURCE: EMIT, ACCEPTOR: MEASURE},

@@ -20,7 +20,7 @@ and at the end that is asked, in the place of results:
                         <-  DATA bytes …
 
 Where a service leaves something to be used, as pairs in memory, at either end:
-                        <-  RESULT {…} …, then DONE {summary}: it is there
+                        <-  RESULT {…} …, then DONE {summary}: it has come
 ASK {…}                 ->  as often as wanted
                         <-  DONE {…}, or DONE {refused, reason}
 CLOSE                   ->  of the end that has asked for the service, or its socket closes
@@ -59,7 +59,7 @@ MAX_PAYLOAD = 1 << 20
 
 
 class Call(IntEnum):
-    """What a message asks for or reports."""
+    """The kind of a message."""
 
     LISTEN = 2
     ACCEPT = 3

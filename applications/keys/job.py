@@ -34,8 +34,8 @@ from qmn.results.run_folder import begin_folder
 from topologies.networks.network import Interrupted, Network, Signals, require_free
 from topologies.system.processes.programs import Program
 from topologies.timeouts import POLL_S
-from wire.results.moments import Moment, SessionMoment
 from wire.results.run_result import KeysJob
+from wire.results.time_series import Moment, SessionMoment
 
 NAME = "keys"
 PAIR = "alice:bob"  # that keeps keys if none is named

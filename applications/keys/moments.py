@@ -7,10 +7,9 @@ from typing import Any
 
 from qmn.jobs.transfer import Lines
 from topologies.system.processes.programs import Program
-from wire.application_lines import moment
 from wire.network_time import NEVER, NetworkTime
 from wire.results.figures import StoredKeyFigures
-from wire.results.moments import AnyMoment, Moment, SessionMoment
+from wire.results.time_series import AnyMoment, Moment, SessionMoment, moment
 
 NOT_AHEAD: Mapping[str, float] = {}
 

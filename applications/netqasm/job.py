@@ -32,10 +32,10 @@ from qmn.results.run_folder import begin_folder
 from qmn.timeouts import NETQASM_STALL_TIMEOUT_S
 from topologies.networks.network import Network, Signals, require_free
 from topologies.system.processes.programs import NetworkError, Program, python
-from wire.application_lines import Line
 from wire.network_time import SteppedTime
 from wire.parameters.checks import remedy
 from wire.results.run_result import NetqasmJob, Round
+from wire.results.time_series import Line
 
 PREFIX, SUFFIX = "app_", ".py"
 RANK = "rank_"  # as NetQMPI calls its roles

@@ -43,8 +43,8 @@ from topologies.system.processes.programs import NetworkError, Program
 from topologies.timeouts import POLL_S
 from wire.key_manager import KeyLink
 from wire.results.figures import TunnelFigures
-from wire.results.moments import ClosedMoment, HandshakeMoment, Moment
 from wire.results.run_result import KeysJob
+from wire.results.time_series import ClosedMoment, HandshakeMoment, Moment
 
 NAME = "vpn"
 NEEDED = {  # programs, and the Debian packages that have them

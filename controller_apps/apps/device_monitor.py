@@ -5,7 +5,7 @@ by PORT_STATUS. Hosts answer by datagrams of wire.device, which reach the contro
 this, although it has no address in the hosts' network:
 
     host --UDP to DEVICE_PORT--> s1, whose entry sends it up and nowhere else (PACKET_IN)
-    host <--UDP from the controller's address-- s1, told to send it out (PACKET_OUT)
+    host <--UDP from the controller's address-- s1, which sends it out (PACKET_OUT)
 
 The entry also keeps hosts from sending such datagrams to each other; what gets past it, as
 a fragment may, lacks the HMAC. All state belongs to this app's own thread.
@@ -30,7 +30,7 @@ from controller_apps.apps.host_orders import (
 )
 from controller_apps.apps.ticks import Ticks
 from controller_apps.console.questions import EventQuestion, Refused, reply
-from controller_apps.devices.hosts_state import Hosts, Place, Told, host_view, switch_view
+from controller_apps.devices.hosts_state import Hosts, Place, Report, host_view, switch_view
 from controller_apps.devices.switch_state import SwitchState
 from controller_apps.light.optics import SwitchPort
 from controller_apps.openflow import flow_entries
@@ -67,8 +67,8 @@ from wire.malformed import MalformedPacket
 from wire.metadata.header import Message
 from wire.metadata.setup import Answer
 from wire.metadata.vocabulary import Reason
+from wire.monitor_messages import GiveBack
 from wire.parameters.checks import remedy
-from wire.seal_orders import GiveBack
 
 POLLS_PER_S = 100  # at most, of all devices: what they do meanwhile they report by themselves
 LEAST_AT_ONCE = 4  # that are due
@@ -248,7 +248,7 @@ class DeviceMonitor(App):
             return
         self._take_in(report)
 
-    def _take_in(self, report: Told) -> None:
+    def _take_in(self, report: Report) -> None:
         host = report.host
         if report.first or host in self._silent:
             self._silent.discard(host)
@@ -297,7 +297,7 @@ class DeviceMonitor(App):
     def _order_answered(self, node: str, answer: Answer) -> None:
         order = self._orders.answered(node, answer.session)
         if order is None or isinstance(order, GiveBack):
-            return  # a seal may have ended before it is told to
+            return  # a seal may have ended before its order
         event = EventSessionReported if isinstance(order, SessionQuery) else EventNodeAnswered
         self.send_event(METADATA, event(session_of(order), node, Reason(answer.reason)))
 

@@ -9,7 +9,7 @@ from controller_apps.sessions.actions import HostOrder, Order, SwapsOrdered
 from controller_apps.timeouts import NODE_TIMEOUT_S
 from wire.device import DeviceReport, SessionQuery, SwapOrder
 from wire.metadata.vocabulary import Reason
-from wire.session_estimates import SessionEstimate
+from wire.monitor_messages import SessionEstimate
 
 AnyOrder = SwapOrder | HostOrder
 

@@ -17,8 +17,8 @@ from controller_apps.sessions.sessions import Sessions
 from wire.device import DeviceReport
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason, Service
+from wire.monitor_messages import Quantity, SessionEstimate
 from wire.network_time import REAL_TIME, NetworkTime
-from wire.session_estimates import Quantity, SessionEstimate
 
 
 class Journal:

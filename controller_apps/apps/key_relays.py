@@ -40,7 +40,7 @@ from wire.metadata.vocabulary import Reason
 
 @dataclass(frozen=True)
 class Heard:
-    """What a key manager has said, and where."""
+    """A message of a key manager, and where it came from."""
 
     host: str
     place: Place

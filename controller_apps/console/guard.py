@@ -1,4 +1,4 @@
-"""Who may ask what is served over HTTP: programs of this machine that were given the token.
+"""The guard of HTTP: it serves programs of this machine that have the token.
 
 A web page that a person has open here can make the browser ask, too: by its own name for our
 address (Host), from its own pages (Origin), with a body that needs no leave (Content-Type). Stock

@@ -67,7 +67,7 @@ class MeasuredRecord(Record):
 
 
 class CurrentMetrics(Collector):
-    """What the apps count anyway."""
+    """Counts that the apps keep anyway."""
 
     def __init__(self, facts: Facts) -> None:
         self._facts = facts

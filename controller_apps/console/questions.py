@@ -10,7 +10,7 @@ Handler = Callable[[dict[str, Any]], Any]
 
 
 class Refused(Exception):
-    """What was asked for cannot be; the message names value and remedy."""
+    """A question that is refused; the message names value and remedy."""
 
 
 class EventQuestion(Event):

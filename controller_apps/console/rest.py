@@ -47,7 +47,7 @@ class Resources(wsgi().ControllerBase):  # type: ignore[misc]
 
     @route("tapi", "/restconf/data/{path:.*}", methods=["GET"])
     def tapi(self, request: Any, path: str, **_: Any) -> Any:
-        """Return what is there of ONF's Transport API."""
+        """Return a resource of ONF's Transport API."""
         try:
             resource = tapi.resource(known_facts().tapi(), path)
         except Refused as refused:

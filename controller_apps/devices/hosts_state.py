@@ -28,7 +28,7 @@ from wire.malformed import MalformedPacket
 from wire.metadata.header import Message
 from wire.metadata.setup import Answer
 from wire.metadata.vocabulary import Reason
-from wire.session_estimates import SessionEstimate
+from wire.monitor_messages import SessionEstimate
 
 SILENT_AFTER = 3.5  # periods without a word
 
@@ -58,8 +58,8 @@ class HostState:
 
 
 @dataclass(frozen=True)
-class Told:
-    """What a datagram has told: what has changed, the answer to a request, or an estimate."""
+class Report:
+    """The content of a datagram: a change, the answer to a request, or an estimate."""
 
     host: str
     changed: bool = False
@@ -79,7 +79,7 @@ class Hosts:
     reporting: Reporting = field(default_factory=Reporting)
     states: dict[str, HostState] = field(default_factory=dict)
 
-    def heard(self, data: bytes, place: Place, now: float) -> Told:
+    def heard(self, data: bytes, place: Place, now: float) -> Report:
         """Take a host's datagram; raise MalformedPacket, and change nothing, for any other."""
         host = host_of(data)
         if host not in self.keys:
@@ -95,15 +95,15 @@ class Hosts:
             before = state.report.alarm if state is not None else 0
             alarm = message.alarm if message.alarm != before else 0
             sealed = message.seal not in (0, state.report.seal if state is not None else 0)
-            return Told(host, changed, state is None, alarm, sealed)
+            return Report(host, changed, state is None, alarm, sealed)
         if state is None or not isinstance(message, Answer | SessionEstimate):
             raise MalformedPacket(f"{host} sent {type(message).__name__} unasked")
         state.number, state.heard, state.place = datagram.number, now, place
         if isinstance(message, SessionEstimate):
-            return Told(host, estimate=message)
+            return Report(host, estimate=message)
         if message.reason != Reason.OK:  # it will not: want what is
             self.wanted[host] = state.report.settings
-        return Told(host, answer=message)
+        return Report(host, answer=message)
 
     def due(self, host: str) -> list[Callable[[int], Message]]:
         """Return what to send to a host that it is not set to yet; each takes its number."""

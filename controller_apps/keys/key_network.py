@@ -1,4 +1,4 @@
-"""The links that key managers have told of, and the route that keys take over them.
+"""The links that key managers have reported, and the route that keys take over them.
 
 No socket, no clock. A route has as few hops as can be, because every host between its ends knows
 the keys; of those it is the one whose poorest link has most. Only hosts that the policy trusts
@@ -17,8 +17,8 @@ MAX_APPLICATIONS = 4096  # the oldest is forgotten
 
 
 @dataclass(frozen=True)
-class Told:
-    """What a host has said of its links, and when."""
+class Report:
+    """The report of a host on its links, and when it came."""
 
     links: dict[str, LinkState]  # by address of the other end
     heard: float
@@ -34,7 +34,7 @@ class Application:
 
 
 class Stores(NamedTuple):
-    """What is in the stores of a link, and whether relays are kept out of it."""
+    """The stores of a link, and whether relays are kept out of it."""
 
     mine: int
     theirs: int
@@ -55,13 +55,13 @@ class KeyNetwork:
 
     names: dict[str, str]
     policy: Policy = field(default_factory=Policy)
-    hosts: dict[str, Told] = field(default_factory=dict)
+    hosts: dict[str, Report] = field(default_factory=dict)
     applications: dict[tuple[str, str], Application] = field(default_factory=dict)
 
     def take(self, host: str, links: tuple[LinkState, ...], now: float) -> None:
         """Take in what a host says; links to what is not a host are passed over."""
         peers = {link.peer: link for link in links if link.peer in self.names}
-        self.hosts[host] = Told(peers, now)
+        self.hosts[host] = Report(peers, now)
 
     def stores(self, host: str) -> dict[str, Stores]:
         report = self.hosts.get(host)

@@ -1,7 +1,7 @@
 """Nodes, key links and applications as plain values, in the words of ETSI GS QKD 015 (V2.1.1).
 
-What the standard has and a host does not tell is left out; so are its interfaces, which are those
-of OpenFlow here. Identifiers are UUIDs made of names; `names` has what people call them.
+Fields of the standard that a host does not report are left out; so are its interfaces, which are
+those of OpenFlow here. Identifiers are UUIDs made of names; `names` has what people call them.
 """
 
 from typing import Any

@@ -17,8 +17,8 @@ class Obstacle(NamedTuple):
     secret: bool = False  # whether it is for who runs the network alone
 
 
-def told(obstacles: Sequence[Obstacle], limit: int) -> str:
-    """Return the obstacles in so many characters at most, for a host that asked for light."""
+def text_of(obstacles: Sequence[Obstacle], limit: int) -> str:
+    """Return the obstacles in at most `limit` characters, for a host that asked for light."""
     texts = [obstacle.text for obstacle in obstacles if not obstacle.secret]
     shown = len(texts)
     while shown and len(text := _listed(texts, shown)) > limit:
@@ -47,8 +47,8 @@ def on_the_way(network: Network, hops: Iterable[Hop]) -> list[Obstacle]:
 def mended(network: Network) -> Network:
     """Return the network with every switch there, fibre whole and cross-connect free."""
     free = {
-        dpid: SwitchOptics(told.others, told.paths)
-        for dpid, told in network.optics.switches.items()
+        dpid: SwitchOptics(optics.others, optics.paths)
+        for dpid, optics in network.optics.switches.items()
     }
     links = network.broken | network.links
     there = network.connected | network.names.keys()
@@ -66,7 +66,7 @@ def _of_hop(network: Network, hop: Hop) -> Iterator[Obstacle]:
     yield from (_fiber(network, at) for at in (into, out) if at in network.cut)
     if network.is_closed(out):
         ends = sorted((switch, network.name_of(network.links[out].dpid)))
-        # Who listens there need not hear that it was noticed.
+        # An eavesdropper there need not hear that it was noticed.
         text = f"the policy closes the fibres between {ends[0]} and {ends[1]}"
         yield Obstacle(text, secret=True)
     reported = network.optics.switches.get(hop.dpid, SwitchOptics())

@@ -1,6 +1,6 @@
 """The optics of quantum switches as they report them: loss and rotation of paths, port tuning.
 
-What a switch has not told counts as no loss, no rotation and a port that takes any light.
+Optics that a switch has not reported count as no loss, no rotation and a port that takes any light.
 """
 
 from collections.abc import Iterable
@@ -57,7 +57,7 @@ class SwitchOptics:
 
     @property
     def least_loss_mdb(self) -> int:
-        """What every path loses at least."""
+        """The least loss of a path."""
         return min(path.loss_mdb for path in (self.others, *self.paths.values()))
 
 
@@ -81,7 +81,7 @@ class Optics:
             self.changes += 1
             self._channels_mhz = None
 
-    def told(self, dpid: int, optics: SwitchOptics) -> None:
+    def take(self, dpid: int, optics: SwitchOptics) -> None:
         if self.switches.get(dpid) != optics:
             self.switches[dpid] = optics
             self.changes += 1

@@ -36,7 +36,7 @@ class Direction(NamedTuple):
 
 @dataclass(frozen=True)
 class HostPort:
-    """What a host says of the fibre at one of its ports."""
+    """A host's report on the fibre at one of its ports."""
 
     host: str
     address: str  # IPv4, of its classical interface
@@ -97,7 +97,7 @@ Value = TypeVar("Value")
 
 @dataclass
 class Kept(Generic[Key, Value]):
-    """What has been found out of a state of things, until that is another."""
+    """Results that hold until the state they follow from changes."""
 
     most: int = 1024
     _state: object = None

@@ -59,7 +59,7 @@ def _nothing(_way: Direction) -> bool:
 
 
 class Limits(NamedTuple):
-    """What a path must keep to."""
+    """The limits of a path."""
 
     blocked: Callable[[Direction], bool] = _nothing
     frequency_mhz: int | None = None  # None: whatever the ports are tuned to
@@ -83,7 +83,7 @@ class LightPath:
 
 
 class Leg(NamedTuple):
-    """What a path shall connect: light comes in at start and goes out at end."""
+    """The ends of a path: light comes in at start and goes out at end."""
 
     start: SwitchPort
     end: SwitchPort
@@ -192,10 +192,10 @@ def _further(
             continue
         lost = path.loss_mdb + network.optics.fiber_loss_mdb(near, far)
         loss_mdb = reached.loss_mdb + lost
-        left_mdb, left = bounds[far.dpid] if far is not None else (0, 0)
+        left_mdb, left_through = bounds[far.dpid] if far is not None else (0, 0)
         yield _Reached(
             loss_mdb + left_mdb,
-            len(reached.hops) + 1 + left,
+            len(reached.hops) + 1 + left_through,
             (*reached.hops, Hop(dpid, reached.at.port, near.port)),
             loss_mdb,
             far or near,
@@ -241,8 +241,8 @@ def _route(
     alone: set[int] = set()  # legs that have a path if no other does
 
     def path_of(number: int, paths: Iterable[LightPath]) -> LightPath | None:
-        own = limits._replace(rotation=turns[number])
-        return cheapest_path(network, legs[number], _beside((*beside, *paths), own))
+        own_limits = limits._replace(rotation=turns[number])
+        return cheapest_path(network, legs[number], _beside((*beside, *paths), own_limits))
 
     for order in permutations(range(len(legs))):
         routed: dict[int, LightPath] = {}
@@ -260,10 +260,10 @@ def _route(
 
 
 def _beside(paths: Iterable[LightPath], limits: Limits) -> Limits:
-    own = {direction for path in paths for direction in directions(path.hops)}
-    if not own:
+    directions_used = {direction for path in paths for direction in directions(path.hops)}
+    if not directions_used:
         return limits
-    return limits._replace(blocked=lambda way: way in own or limits.blocked(way))
+    return limits._replace(blocked=lambda way: way in directions_used or limits.blocked(way))
 
 
 def why_not(network: Network, legs: list[Leg], limits: Limits) -> Reason:

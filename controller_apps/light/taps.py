@@ -3,7 +3,7 @@
     alice ---> bob        becomes        alice ---> eve's first fibre
                                          eve's second fibre ---> bob
 
-What that host does with the light is its own affair; if it does nothing, none comes out.
+That host alone decides about the light; if it does nothing, none comes out.
 """
 
 from collections.abc import Sequence

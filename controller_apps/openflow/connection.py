@@ -5,7 +5,7 @@ thread that waits for it. At each wait the scheduler looks at all sockets.
 
 The connection that speaks for a switch: the first of its datapath id, for as long as it lasts.
 
-Whoever comes later with the same id is sent away, and does not displace it. A connection by the
+A later switch with the same id is refused, and does not displace it. A connection by the
 controller's own loopback has to be of a process of root's or of its own user: bridges and agents
 are, and no other local user can be a switch, not even before the real one is here.
 """
@@ -105,7 +105,7 @@ class Connection:
         return getattr(self._socket, name)
 
     def recv(self, most: int) -> bytes:
-        """Return what has come, at most so many bytes, none at the end; wait if nothing has."""
+        """Return bytes that have come, none at the end; wait if there are none."""
         if self._read == len(self._ahead):
             if len(self._ahead) == AT_ONCE:  # there may be more, and other switches wait
                 self._give_way()
@@ -117,7 +117,7 @@ class Connection:
     def send_now(self, data: bytes | bytearray) -> int:
         """Return how many bytes the other end's buffer takes; none if the connection has failed.
 
-        Who waits until it takes the rest is told of the failure.
+        A caller that waits until it takes the rest hears of the failure.
         """
         try:
             sent: int = self._socket.fd.send(data)

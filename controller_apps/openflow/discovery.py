@@ -1,9 +1,9 @@
 """LLDP (IEEE 802.1AB) on the fibres' supervisory channel: what hosts and switches say by it.
 
 Hosts name themselves and say what they can do (wire.features), under a seal that only they can make
-(wire.announcement). Switches say what the controller
+(wire.lldp). Switches say what the controller
 has them say: chassis and port as the frameworks' own topology app writes them, and a seal that
-only this controller can make. A host can therefore not invent a fibre between switches. What
+only this controller can make. A host can therefore not invent a fibre between switches. There
 remains: a host with fibres to two switches that has not announced itself can carry sealed
 messages from one to the other, both ways, and so pose as the fibre that it could be.
 """
@@ -19,7 +19,6 @@ from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort
 from controller_apps.openflow.framework import lldp
 from controller_apps.timeouts import LINK_TTL_S
-from wire.announcement import open_seal
 from wire.features import NodeFeatures
 from wire.lldp import (
     FEATURES,
@@ -31,6 +30,7 @@ from wire.lldp import (
     SWITCH_PORT,
     SWITCH_PREFIX,
     SWITCH_SEAL,
+    open_seal,
 )
 from wire.lldp import switch_message as message_of
 from wire.malformed import MalformedPacket
@@ -43,11 +43,11 @@ SEAL_LENGTH = 16
 
 @dataclass(frozen=True)
 class Announcement:
-    """A host's message: a port, and whether it is there or says goodbye."""
+    """A host's message: a port, and whether it is up or says goodbye."""
 
     host_port: HostPort
     leaving: bool
-    seal: bytes = b""  # of the host (wire.announcement); empty: it does not say that it is the host
+    seal: bytes = b""  # of the host (wire.lldp); empty: it does not say that it is the host
     sealed: bytes = b""  # what the seal covers
 
 

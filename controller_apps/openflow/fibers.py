@@ -50,7 +50,7 @@ class _Port:
 
 @dataclass(frozen=True)
 class _Heard:
-    """What a port has heard last, and how seldom ports spoke then: so long it may be silent."""
+    """The last message at a port, and the interval of messages then: so long it may be silent."""
 
     speaker: SwitchPort
     when_s: float
@@ -112,7 +112,7 @@ class Links:
     def answers(self, at: SwitchPort, speaker: SwitchPort, now: float) -> bool:
         """Tell whether a port that has heard another shall speak now: to who has not heard it.
 
-        What it has said a moment ago is on its way.
+        Its message of a moment ago is on its way.
         """
         port, heard = self._ports.get(at), self._heard.get(speaker)
         if port is None or (heard is not None and heard.speaker == at):
@@ -157,10 +157,10 @@ class Fibers:
         self._key = secrets.token_bytes(32)  # of the seals on our LLDP
         self._datapaths: dict[int, Datapath] = {}
         self._asked: dict[int, int] = {}  # by datapath id, the last question for optics
-        self._told: defaultdict[int, list[PathOptics]] = defaultdict(list)  # parts of an answer
+        self._reports: defaultdict[int, list[PathOptics]] = defaultdict(list)  # parts of an answer
 
     def switch_here(self, datapath: Datapath, now: float) -> None:
-        """Take in the ports of a switch, and ask for its optics; see `told` and `silent`."""
+        """Take in the ports of a switch, and ask for its optics; see `reported` and `silent`."""
         self._datapaths[datapath.id] = datapath
         for port in list(datapath.ports.values()):
             self._port_is(datapath, port, optical_messages.is_up(port), now)
@@ -169,7 +169,7 @@ class Fibers:
     def switch_left(self, dpid: int) -> None:
         self._datapaths.pop(dpid, None)
         self._asked.pop(dpid, None)
-        self._told.pop(dpid, None)
+        self._reports.pop(dpid, None)
         self._links.switch_left(dpid)
         self.network.optics.forget_switch(dpid)
 
@@ -207,7 +207,7 @@ class Fibers:
         question = optical_messages.ask_paths(datapath)
         datapath.send_msg(question)
         self._asked[datapath.id] = question.xid
-        self._told.pop(datapath.id, None)
+        self._reports.pop(datapath.id, None)
         datapath.send_msg(optical_messages.ask_ports(datapath))
 
     def learn(self, message: Any) -> bool:
@@ -217,20 +217,20 @@ class Fibers:
         if kind != (EXPERIMENTER, PATH_OPTICS) or message.xid != self._asked.get(dpid):
             return False
         try:
-            self._told[dpid] += decode_path_optics(bytes(body.data))
+            self._reports[dpid] += decode_path_optics(bytes(body.data))
         except MalformedPacket as error:
             self._logger.warning("switch %#x: %s", dpid, error)
             return False
         if message.flags & ofproto.OFPMPF_REPLY_MORE:
             return False
-        self.network.optics.told(dpid, SwitchOptics.reported(self._told.pop(dpid)))
+        self.network.optics.take(dpid, SwitchOptics.reported(self._reports.pop(dpid)))
         return True
 
     def silent(self, dpid: int, xid: int) -> bool:
         """Tell whether an error is the answer of a switch that cannot tell its optics."""
         if xid != self._asked.get(dpid):
             return False
-        self.network.optics.told(dpid, SwitchOptics())
+        self.network.optics.take(dpid, SwitchOptics())
         return True
 
     def measured(self, message: Any) -> None:

@@ -84,7 +84,7 @@ def metadata_entries(datapath: Datapath) -> list[Any]:
     Bypasses, which carry the cookie of their session, stay: see ask_entries.
     Whatever can carry a set-up message goes to the controller, whichever flags it has: a switch
     cannot see whether a segment has data. The first SYN stays in the switch; what else might be
-    in it no listener takes. What a switch cannot see into goes no further.
+    in it no listener takes. Packets that a switch cannot read go no further.
     """
     to_port = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_TCP, "tcp_dst": METADATA_PORT}
     from_port = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_TCP, "tcp_src": METADATA_PORT}

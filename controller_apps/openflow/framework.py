@@ -208,7 +208,7 @@ def serve_on(
     """Set where switches connect, and how soon a silent one counts as gone.
 
     On native threads only the unanswered echo ends a connection that its switch closed.
-    What is loaded of Ryu's WSGI serves on `rest`, which the stock apps may share; on that socket,
+    Ryu's WSGI serves on `rest`, which the stock apps may share; on that socket,
     if one is given that listens already.
     """
     if rest is not None:
@@ -252,7 +252,7 @@ def start(
 ) -> dict[str, Any]:
     """Start the apps of the given modules and the OpenFlow server; return apps by name.
 
-    What is served over HTTP, as a WSGI application, goes by way of the guard.
+    All HTTP requests pass the guard, a WSGI application.
     """
     manager = app_manager.AppManager.get_instance()
     manager.load_apps(modules)

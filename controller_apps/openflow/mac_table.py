@@ -73,7 +73,7 @@ class MacTable:
 def filter_entries(datapath: Datapath, stations: Iterable[Station]) -> list[Any]:
     """Return what makes the first table of a switch let these stations speak for themselves alone.
 
-    Of stations at other switches nothing is said. It takes the place of what was there before.
+    It says nothing of stations at other switches. It replaces the earlier entry.
     """
     entries = [delete(datapath, FILTER_TABLE), add(datapath, FILTER_TABLE, 0, {}, _on())]
     for station in stations:
@@ -84,7 +84,7 @@ def filter_entries(datapath: Datapath, stations: Iterable[Station]) -> list[Any]
 
 def _entries(datapath: Datapath, station: Station) -> list[Any]:
     port = {"in_port": station.port}
-    own = {**port, "eth_src": station.mac}
+    source = {**port, "eth_src": station.mac}
     arp = {"eth_type": ETH_TYPE_ARP, "arp_sha": station.mac, "arp_spa": station.address}
     ipv4 = {"eth_type": ETH_TYPE_IPV4, "ipv4_src": station.address}
     foreign = [
@@ -92,10 +92,10 @@ def _entries(datapath: Datapath, station: Station) -> list[Any]:
         for kind in (ETH_TYPE_IPV4, ETH_TYPE_ARP, ETH_TYPE_IPV6)
     ]
     return [
-        add(datapath, FILTER_TABLE, OWN_PRIORITY, {**own, **ipv4}, _on()),
-        add(datapath, FILTER_TABLE, OWN_PRIORITY, {**own, **arp}, _on()),
+        add(datapath, FILTER_TABLE, OWN_PRIORITY, {**source, **ipv4}, _on()),
+        add(datapath, FILTER_TABLE, OWN_PRIORITY, {**source, **arp}, _on()),
         *foreign,
-        add(datapath, FILTER_TABLE, STATION_PRIORITY, own, _on()),
+        add(datapath, FILTER_TABLE, STATION_PRIORITY, source, _on()),
         add(datapath, FILTER_TABLE, PORT_PRIORITY, port),
     ]
 

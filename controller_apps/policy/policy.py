@@ -1,4 +1,4 @@
-"""A policy: who may open which service to whom, and what devices are told (reading.py reads it)."""
+"""A policy: who may open which service to whom, and settings of devices (see reading.py)."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -30,8 +30,8 @@ class Watch:
     every_s: float = 10.0  # of the network, from the end of one seal to the beginning of the next
     pairs: int = 2000  # to compare
     rate_hz: int = 100_000
-    whole_error: float = 0.01  # part of the pairs that differ though nobody is there, at most
-    fraction: float = 0.25  # of the photons that an intruder measures, who is to be found
+    whole_error: float = 0.01  # part of the pairs that differ without an intruder, at most
+    fraction: float = 0.25  # of the photons that an intruder to be found measures
     false_alarm: float = 1e-6  # of a test, at most
     missed: float = 0.01  # that a test takes such an intruder for nobody, at most
 
@@ -59,7 +59,7 @@ class Host:
 
 @dataclass(frozen=True)
 class SessionRequest:
-    """What a set-up asks for."""
+    """The request of a set-up."""
 
     service: str
     sender: Host
@@ -134,7 +134,7 @@ class Trusted:
 
 @dataclass(frozen=True)
 class Filter:
-    """What is done against hosts that pose as others."""
+    """Protection against hosts that pose as others."""
 
     addresses: bool = True  # switches drop what is not from the addresses of the host at the port
     handshakes: bool = True  # a set-up needs a connection that both ends have opened
@@ -154,7 +154,7 @@ class Reporting:
 
 @dataclass(frozen=True)
 class Policy:
-    """What a policy file says."""
+    """The content of a policy file."""
 
     default: str = "allow"
     rules: tuple[Rule, ...] = ()

@@ -1,6 +1,6 @@
 """A policy file in TOML: permissions of sessions between hosts, and settings of devices.
 
-default = "deny"            # or "allow": what no rule fits
+default = "deny"            # or "allow": where no rule fits
 
 [[rule]]                    # tried in order, the first that fits decides
 action = "allow"
@@ -27,8 +27,8 @@ over = ["q1", "q2"]         # the fibre that is to be on the way; left out: by a
 every_s = 10.0              # of the network, from the end of one seal to the next
 pairs = 2000                # compared by each
 rate_hz = 100_000           # pairs a second
-whole_error = 0.01          # of these differ at most though nobody is there
-fraction = 0.25             # of the photons that an intruder measures, who is to be found
+whole_error = 0.01          # of these differ at most without an intruder
+fraction = 0.25             # of the photons that an intruder to be found measures
 false_alarm = 1e-6          # of a test, at most
 missed = 0.01               # chance at most that a test takes such an intruder for nobody
 
@@ -56,7 +56,7 @@ announcements = true        # LLDP in the name of a host needs that host's seal
 numbers = true              # a session has a number of its opener, not of another host
 
 [refusal]
-names_elements = true       # hosts are told which fibre, cross-connect or switch is in their way
+names_elements = true       # refusals name the fibre, cross-connect or switch
 
 [device.alice]              # overrides what applications on alice ask for
 rate_hz = 1_000_000
@@ -149,13 +149,13 @@ def read_policy(path: str | Path) -> Policy:
         raise BadPolicy(f"policy {file}: {error}") from error
 
 
-def require_switches(policy: Policy, known: Collection[str]) -> None:
+def require_switches(policy: Policy, names: Collection[str]) -> None:
     """Raise BadPolicy for a fibre, closed or watched, between switches that there are not."""
     watched = [watch.over for watch in policy.watches]
     for place, named in (("closed", policy.closed), ("watch: over", watched)):
-        for name in sorted(frozenset().union(*named) - set(known)):
+        for name in sorted(frozenset().union(*named) - set(names)):
             text = f"{place}: {name!r} is not a quantum switch of this network"
-            raise BadPolicy(f"{text}: {remedy(name, sorted(known))}")
+            raise BadPolicy(f"{text}: {remedy(name, sorted(names))}")
 
 
 TABLES = {"device", "filter", "queue", "refusal", "report", "seal", "swap"}
@@ -193,8 +193,8 @@ def parse_policy(text: str) -> Policy:
     )
 
 
-def _parse_rule(given: object, place: str) -> Rule:
-    table = _table(given, place)
+def _parse_rule(value: object, place: str) -> Rule:
+    table = _table(value, place)
     _only(table, place, {"action", "service", *WHO, *LIMITS})
     if "action" not in table:
         raise ValueError(f'{place} has no action: write action = "allow" or action = "deny"')
@@ -217,9 +217,9 @@ def _parse_rule(given: object, place: str) -> Rule:
     return rule
 
 
-def _parse_taps(given: list[Any]) -> tuple[Tap, ...]:
+def _parse_taps(values: list[Any]) -> tuple[Tap, ...]:
     taps: dict[frozenset[str], Tap] = {}
-    for number, table in enumerate(given, 1):
+    for number, table in enumerate(values, 1):
         tap = _parse_tap(table, f"tap {number}")
         first = taps.setdefault(frozenset(tap.between), tap)
         if first is not tap:
@@ -227,8 +227,8 @@ def _parse_taps(given: list[Any]) -> tuple[Tap, ...]:
     return tuple(taps.values())
 
 
-def _parse_tap(given: object, place: str) -> Tap:
-    table = _table(given, place)
+def _parse_tap(value: object, place: str) -> Tap:
+    table = _table(value, place)
     _only(table, place, {"between", "by"})
     between, by = table.get("between"), table.get("by")
     remedy = 'write between = ["alice", "bob"] and by = "eve", three different hosts'
@@ -240,9 +240,9 @@ def _parse_tap(given: object, place: str) -> Tap:
     return Tap((between[0], between[1]), str(by))
 
 
-def _parse_closed(given: list[Any]) -> frozenset[frozenset[str]]:
+def _parse_closed(values: list[Any]) -> frozenset[frozenset[str]]:
     closed = set()
-    for number, value in enumerate(given, 1):
+    for number, value in enumerate(values, 1):
         place = f"closed {number}"
         table = _table(value, place)
         _only(table, place, {"between"})
@@ -256,18 +256,18 @@ def _parse_seal(table: dict[str, Any]) -> str:
     return _one_of(table.get("alarm", TELL), ALARMS, "seal: alarm")
 
 
-def _parse_watches(given: list[Any], queue: Queue) -> tuple[Watch, ...]:
-    if given and queue.order == SLOTS:
+def _parse_watches(values: list[Any], queue: Queue) -> tuple[Watch, ...]:
+    if values and queue.order == SLOTS:
         raise ValueError(f'watch: not with the queue\'s order = "{SLOTS}", which plans all light')
-    watches = tuple(_parse_watch(table, f"watch {place}") for place, table in enumerate(given, 1))
+    watches = tuple(_parse_watch(table, f"watch {place}") for place, table in enumerate(values, 1))
     for place, watch in enumerate(watches, 1):
         if watch in watches[: place - 1]:
             raise ValueError(f"watch {place}: {watch} is watched so already; keep one of them")
     return watches
 
 
-def _parse_watch(given: object, place: str) -> Watch:
-    table = _table(given, place)
+def _parse_watch(value: object, place: str) -> Watch:
+    table = _table(value, place)
     _only(table, place, {"between", "over", *RANGES})
     hosts = 'write between = ["alice", "bob"], two different hosts, of which the first makes pairs'
     between: Any = table.get("between")  # in this order, if they are two
@@ -285,8 +285,8 @@ def _parse_watch(given: object, place: str) -> Watch:
     return Watch((first, second), over, **numbers)
 
 
-def _parse_trusted(given: object, place: str) -> Trusted:
-    table = _table(given, place)
+def _parse_trusted(value: object, place: str) -> Trusted:
+    table = _table(value, place)
     _only(table, place, {"host", "between"})
     host = _typed(table.get("host"), str, f"{place}: host", 'a host, or "*"')
     if "between" not in table:
@@ -312,8 +312,8 @@ def _is_name(value: object) -> bool:
 def _parse_swap(table: dict[str, Any]) -> tuple[str, Purification]:
     _only(table, "swap", {"schedule", "purification", "rounds"})
     schedule = _one_of(table.get("schedule", PARALLEL), SCHEDULES, "swap: schedule")
-    given = table.get("purification", UNPURIFIED.protocol)
-    protocol = _one_of(given, tuple(PROTOCOLS), "swap: purification")
+    value = table.get("purification", UNPURIFIED.protocol)
+    protocol = _one_of(value, tuple(PROTOCOLS), "swap: purification")
     rounds = _number(table.get("rounds", 0), 0, MAX_LEVEL_ROUNDS, "swap: rounds")
     return schedule, Purification(protocol, rounds)
 
@@ -329,8 +329,8 @@ def _parse_queue(table: dict[str, Any]) -> Queue:
 
 def _parse_refusal(table: dict[str, Any]) -> bool:
     _only(table, "refusal", {"names_elements"})
-    given = table.get("names_elements", True)
-    return _typed(given, bool, "refusal: names_elements", "true or false")
+    value = table.get("names_elements", True)
+    return _typed(value, bool, "refusal: names_elements", "true or false")
 
 
 def _parse_filter(table: dict[str, Any]) -> Filter:
@@ -343,12 +343,12 @@ def _parse_filter(table: dict[str, Any]) -> Filter:
     )
 
 
-def _parse_settings(given: object, place: str) -> DeviceSettings:
-    table = _table(given, place)
+def _parse_settings(value: object, place: str) -> DeviceSettings:
+    table = _table(value, place)
     _only(table, place, {item.name for item in fields(DeviceSettings)})
     try:
-        given = {name: setting_number(name, value) for name, value in table.items()}
-        settings = DeviceSettings(**given)
+        numbers = {name: setting_number(name, number) for name, number in table.items()}
+        settings = DeviceSettings(**numbers)
         check_settings(settings)
     except ValueError as error:
         raise ValueError(f"{place}: {error}") from error
@@ -366,8 +366,8 @@ def _parse_reporting(table: dict[str, Any]) -> Reporting:
     )
 
 
-def _only(table: dict[str, Any], place: str, known: set[str]) -> None:
-    check_names(place, table, sorted(known))
+def _only(table: dict[str, Any], place: str, names: set[str]) -> None:
+    check_names(place, table, sorted(names))
 
 
 def _array(content: dict[str, Any], name: str, most: int) -> list[Any]:

@@ -3,7 +3,7 @@
 parallel        each as soon as both its links hold
 left-to-right   each when the bits of the one to its left have come
 nested          each of the odd places at once, then every second of the rest when those between
-                them have told it, and so on: nested doubling (Briegel, Dür, Cirac and Zoller,
+                them have reported, and so on: nested doubling (Briegel, Dür, Cirac and Zoller,
                 PRL 81, 5932); a chain that is not a power of two of links is halved all the same
 
 The schedulers: who of those that wait for light is looked at now, and in which order.
@@ -51,7 +51,7 @@ ORDERS: Mapping[str, Callable[[Waiting], Place]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Queue:
-    """What a policy says of waiting."""
+    """A policy's rules of waiting."""
 
     order: str = FCFS  # of ORDERS
     slot_s: float = 0.5  # of "slots"
@@ -96,7 +96,7 @@ def _nested(repeaters: int) -> Schedule:
 
 @dataclass(frozen=True)
 class Purification:
-    """What is done to pairs before they are swapped: as many rounds at each level of a chain."""
+    """Purification before swaps: the number of rounds at each level of a chain."""
 
     protocol: str = "dejmps"  # one of PROTOCOLS
     rounds: int = 0
@@ -128,17 +128,17 @@ def spans(name: str, repeaters: int) -> tuple[list[Span], list[tuple[int, Span]]
     left = {place: place - 1 for place in range(1, repeaters + 2)}
     right = {place: place + 1 for place in range(repeaters + 1)}
     purified = [Span(place, place + 1) for place in right]
-    made: list[tuple[int, Span]] = []
+    swaps: list[tuple[int, Span]] = []
     for place in _in_order(turns):
         if name == PARALLEL:
-            made.append((place, Span(0, repeaters + 1)))
+            swaps.append((place, Span(0, repeaters + 1)))
             continue
         span = Span(left[place], right[place])
         left[span.right], right[span.left] = span.left, span.right
-        made.append((place, span))
+        swaps.append((place, span))
         if span != Span(0, repeaters + 1):
             purified.append(span)
-    return purified, made
+    return purified, swaps
 
 
 def _in_order(turns: Schedule) -> Iterator[int]:

@@ -9,7 +9,7 @@ from controller_apps.policy.schedules import UNPURIFIED, Purification
 from controller_apps.sessions.holders import Ends, Holder
 from controller_apps.sessions.sessions import Chain, Request
 from wire.device import SessionQuery
-from wire.seal_orders import GiveBack, SealOrder
+from wire.monitor_messages import GiveBack, SealOrder
 
 HostOrder = SealOrder | GiveBack | SessionQuery
 
@@ -120,7 +120,7 @@ class Note:
     at: SwitchPort | None = None  # where the set-up that it is about has come, if it is about one
     ends: Ends = ("", "")  # of a session that has waited for light: its opener and its acceptor
     after: Holder | None = None  # who had the last of that light until now
-    asked: Request | None = field(default=None, compare=False)  # what it answers, if that is told
+    asked: Request | None = field(default=None, compare=False)  # the request that it answers
 
 
 @dataclass(frozen=True)

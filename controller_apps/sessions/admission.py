@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
-from controller_apps.light.obstacles import Obstacle, mended, obstacles, told
+from controller_apps.light.obstacles import Obstacle, mended, obstacles, text_of
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Direction, Network
 from controller_apps.light.routing import Leg, LightPath, Limits, route, why_not
@@ -161,7 +161,7 @@ def channels_of(
 ) -> list[int]:
     """Return the frequencies that the light of a set-up may have, the lowest first.
 
-    What goes back on the light of another session has that one's. Raise ValueError for a
+    A session on the light of another one has that one's. Raise ValueError for a
     wavelength outside the optical range.
     """
     if setup.wavelength_pm != ANY_WAVELENGTH:
@@ -270,7 +270,7 @@ def _broken(broken: Sequence[Obstacle]) -> Admission:
     detail = "; ".join(obstacle.text for obstacle in broken)
     host = next((obstacle.address for obstacle in broken if obstacle.address), "")
     reason = Reason.FIBER_CUT if host else Reason.PATH_BROKEN
-    return Admission(reason, detail=detail, node=host, obstacle=told(broken, OBSTACLE_BYTES))
+    return Admission(reason, detail=detail, node=host, obstacle=text_of(broken, OBSTACLE_BYTES))
 
 
 def _find_repeaters(
@@ -331,7 +331,7 @@ def _legs_of_link(
     sessions: Sessions,
     ports: Mapping[Role, list[SwitchPort]],
 ) -> list[Leg] | None:
-    """Return the fibres that were ordered; None if the chain, or a fibre, is there no more."""
+    """Return the fibres that were ordered; None if the chain, or a fibre, has gone."""
     link = ordered_link(setup, five_tuple, sessions)
     if link is None:
         return None

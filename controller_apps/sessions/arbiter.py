@@ -6,7 +6,7 @@ How it decides
 Hosts ask for light over TCP. The opener of a session sends a *set-up* message to the metadata port
 of the acceptor; classical switches send the first segments of such connections to the controller
 instead of to the acceptor. The arbiter *holds* the message, decides, writes its verdict into it,
-and only then lets it go on: whoever receives a granted set-up knows that the light path stands.
+and only then passes it on: a host that receives a granted set-up knows that the light path stands.
 
     set-up --> held --last barrier reply--> granted --FIN, RST, silence--> torn down
        |         |`--error, deadline, switch gone, silent node--> refused
@@ -29,7 +29,7 @@ light of a reserved slot. Link monitors only borrow light: they never wait, and 
 (`preempted`).
 
 **Faults.** If a fibre is cut or a switch is gone, `repairs` moves a session to a path of the same
-rotation, which the receiver was told at the set-up. Without such a path it is stranded until its
+rotation, which the receiver knows from the set-up. Without such a path it is stranded until its
 own is whole again. A switch that is gone has 10 s to return.
 
 **Ends.** A session lives as long as the connection that opened it. After the first data a bypass

@@ -131,7 +131,7 @@ def repeaters_of(chain: Chain) -> list[str]:
 
 
 def orders(ordered: SwapsOrdered, number: int) -> dict[str, SwapOrder]:
-    """Return what each node of a chain is told, by its address; the messages have this number."""
+    """Return the order to each node of a chain, by its address; the messages have this number."""
     chain = ordered.chain
     swap_orders = [
         SwapOrder(
@@ -167,7 +167,7 @@ def orders(ordered: SwapsOrdered, number: int) -> dict[str, SwapOrder]:
 def _purifying(order: SwapOrder, ordered: SwapsOrdered, repeaters: int) -> SwapOrder:
     """Return an order with what its node purifies, and what it passes on when it has swapped.
 
-    A node swaps when it has purified what is to be; it need not be told of others' swaps.
+    A node swaps after its purification; it need not hear of others' swaps.
     """
     purified, made = spans(ordered.schedule, repeaters)
     rounds, place = ordered.purification.rounds, order.place

@@ -31,7 +31,7 @@ MAX_OF_ONE = 512  # of an opener's address: nobody's place is taken by the conne
 
 @dataclass(frozen=True)
 class Handshake:
-    """What an acceptor has answered, where a switch has heard it (datapath id and port)."""
+    """An acceptor's answer, where a switch has heard it (datapath id and port)."""
 
     opener_next: int  # sequence number of the opener's first byte
     acceptor_next: int
@@ -40,7 +40,7 @@ class Handshake:
 
 @dataclass
 class Handshakes:
-    """The last handshake of each connection, of so many connections."""
+    """The last handshake of each of the latest connections."""
 
     _by_connection: dict[FiveTuple, Handshake] = field(default_factory=dict)  # the oldest first
     _of: Counter[str] = field(default_factory=Counter)

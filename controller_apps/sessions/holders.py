@@ -20,7 +20,7 @@ class Holder(NamedTuple):
 
 @dataclass
 class Holders:
-    """Who has given back each direction of a port last."""
+    """The last holder of each direction of a port."""
 
     order: int = 0  # how often light was given back
     _last: dict[Direction, Holder] = field(default_factory=dict)

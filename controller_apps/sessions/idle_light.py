@@ -21,8 +21,8 @@ from wire.device import DEVICE_PORT
 from wire.metadata.header import METADATA_PORT
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Handshake, Reason, Service
+from wire.monitor_messages import SealOrder
 from wire.optical import ANY_WAVELENGTH
-from wire.seal_orders import SealOrder
 
 MOST_AT_ONCE = 8  # searches for light that is idle, in one tick
 ANY_PORT = 0  # of the opener's end, which is not known before it connects

@@ -3,7 +3,7 @@
     open --> stands --port cut, switch gone--> moved, or stranded until it is whole again
                 `--> closed
 
-The receiver was told at the set-up which rotation to undo. So a path is moved only to one
+The receiver knows from the set-up which rotation to undo. So a path is moved only to one
 of the same rotation; without such, the light is lost and the sender gives up in its time.
 """
 
@@ -126,7 +126,7 @@ class Light:
         return tuple(at.port for at in tuned)
 
     def doubt_tuning(self, session: Session) -> None:
-        """Note that ports of a session may not be tuned as they were told to."""
+        """Note that ports of a session may not be tuned as ordered."""
         for hop in session.hops:
             for port in hop[1:]:
                 self.network.optics.tuned_mhz.pop(SwitchPort(hop.dpid, port), None)

@@ -23,7 +23,7 @@ from controller_apps.sessions.actions import Action, Note, Order
 from controller_apps.sessions.sessions import Request, Session, Sessions
 from controller_apps.timeouts import PREEMPTION_S
 from wire.metadata.vocabulary import Service
-from wire.seal_orders import GiveBack
+from wire.monitor_messages import GiveBack
 
 Links = frozenset[frozenset[str]]  # pairs of switches, by their names
 MAX_MONITORS = 1024  # that are remembered

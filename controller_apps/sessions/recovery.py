@@ -12,7 +12,7 @@ taken over --SessionQuery to the opener--> lives: nothing more
             |   `--silence, again and again--> to the acceptor
             `--unknown there--> over, and torn down
 
-What ended while no controller was there told nobody, and a switch would only find it silent. The
+A session that ended without a controller has reported it to nobody, and is merely silent. The
 acceptor is asked last: a set-up message may still be held up on its way to it. No socket, no clock.
 """
 
@@ -111,7 +111,7 @@ class Recovery:
         sessions.occupied.update(dict.fromkeys(path, session.number))
 
     def is_premature(self, reason: Reason, now: float) -> bool:
-        """Tell whether a refusal may only come of what is still to be discovered again."""
+        """Tell whether a refusal may be due to fibres that are still to be discovered again."""
         return (
             self.begun is not None and now - self.begun < self.discovery_s and reason in PREMATURE
         )

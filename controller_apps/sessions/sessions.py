@@ -54,7 +54,7 @@ class Arrival:
 
 
 class Refusal(NamedTuple):
-    """Why a request has no light, and what hosts are told of it."""
+    """Why a request has no light, and the text for hosts."""
 
     reason: Reason
     detail: str = ""  # for who runs the network

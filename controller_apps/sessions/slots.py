@@ -4,8 +4,8 @@
     |........|-----------------|-----------------|---------
       asked: a b c d           a, b              c           d is refused: its deadline is in slot 9
 
-Slots follow each other without a gap, and are numbered from 0 on the controller's clock. What was
-reserved is opened when the slot begins; who still has light when it ends loses it.
+Slots follow each other without a gap, and are numbered from 0 on the controller's clock. Reserved
+light is opened when the slot begins; a session that still has it when it ends loses it.
 """
 
 from collections.abc import Callable
@@ -40,7 +40,7 @@ class Reserved:
 
 @dataclass
 class Slots:
-    """What is reserved, by slot."""
+    """Reservations, by slot."""
 
     sessions: Sessions
     slot_s: float
@@ -57,7 +57,7 @@ class Slots:
     def reserve(self, request: Request, until: float, now: float, find: Find) -> Admission:
         """Give a request the first slot that can carry it and begins by then; return why not.
 
-        `find` looks for its light beside the sessions that it is told of.
+        `find` looks for its light beside the given sessions.
         """
         self._forget_those_over()
         slot = self.number(now) + 1
@@ -106,7 +106,7 @@ class Slots:
         )
 
     def _forget_those_over(self) -> None:
-        """Let others have the slots of requests that wait no more."""
+        """Release the slots of requests that wait no more."""
         for five_tuple in self.reserved.keys() - self.sessions.queue.keys():
             reserved = self.reserved.pop(five_tuple)
             taken = self._taken[reserved.slot]

@@ -2,7 +2,7 @@
 
 Switches keep what counts: bypasses tell which connections of a session live, light entries
 which paths it has. They do not hold what a living session needs further on: whom its
-set-up named as source, its handshake and wavelength, the rotation its receiver was told to
+set-up named as source, its handshake and wavelength, the rotation its receiver has to
 undo, and where on its connection the set-up was. That is kept here, network byte order:
 
     session: seen (s), requests, paths; each request; each path with its hops; the number of nodes
@@ -83,7 +83,7 @@ def _is_kept(request: Request) -> bool:
 
 
 def decode_session(data: bytes, now: float) -> Session:
-    """Read a session back; raise MalformedPacket for what no controller has kept.
+    """Read a session back; raise MalformedPacket for invalid data.
 
     Its owner is the first request; `now` is of the clock that it was last seen on.
     """
@@ -188,7 +188,7 @@ def encode_hosts(hosts: Mapping[SwitchPort, HostPort]) -> bytes:
 
 
 def decode_hosts(data: bytes) -> dict[SwitchPort, HostPort]:
-    """Read the places of hosts back; raise MalformedPacket for what no controller has kept."""
+    """Read the places of hosts back; raise MalformedPacket for invalid data."""
     reader = _Reader(data)
     hosts: dict[SwitchPort, HostPort] = {}
     while reader.left and len(hosts) < MAX_PORTS:

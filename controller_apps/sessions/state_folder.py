@@ -84,7 +84,7 @@ def is_number(name: str) -> bool:
 def take_over(state: StateFolder, arbiter: Arbiter, logger: Logger, now: float) -> list[int]:
     """Give the arbiter the hosts and sessions that were kept; return the sessions.
 
-    What cannot be read, or cannot be beside another session, is logged and dropped.
+    A session that is malformed, or excluded by another one, is logged and dropped.
     """
     if state.restored:
         arbiter.recovery.begun = now

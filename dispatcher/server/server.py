@@ -25,7 +25,7 @@ from dispatcher.server.turns import Turns
 from dispatcher.timeouts import STOP_GRACE_S, STOP_TIMEOUT_S
 from programs.connection_shares import grpc_options, keep_shares
 from programs.network_timers import timers_of
-from wire import frames
+from wire import dispatcher_service
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_pb2 import CrossConnectOutcome, CrossConnectRequest
 from wire.dispatcher_pb2_grpc import add_DispatcherServicer_to_server
@@ -64,11 +64,11 @@ class CrossConnects:
         """Answer until the agent goes away or says anything else."""
         with contextlib.closing(writer):
             try:
-                token = (await frames.read(reader)).decode()
+                token = (await dispatcher_service.read(reader)).decode()
                 while True:
-                    request = CrossConnectRequest.FromString(await frames.read(reader))
+                    request = CrossConnectRequest.FromString(await dispatcher_service.read(reader))
                     outcome = await self._outcome(token, request)
-                    writer.write(frames.encode(outcome.SerializeToString()))
+                    writer.write(dispatcher_service.encode(outcome.SerializeToString()))
                     await writer.drain()
             except (EOFError, OSError):
                 return

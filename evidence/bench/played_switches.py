@@ -17,7 +17,7 @@ from ipaddress import IPv4Address
 from controller_apps.packets.segments import ACK, PSH, RST, SYN
 from qmn.timeouts import TURN_TIMEOUT_S
 from qswitch_agent.openflow import constants as ofp
-from qswitch_agent.openflow import multipart
+from qswitch_agent.openflow import messages
 from qswitch_agent.openflow.messages import Framer, encode, hello, message_type, transaction_id
 from qswitch_agent.openflow.packets import BUNDLE, PacketOut, bundle_control
 from qswitch_agent.openflow.ports import Port
@@ -132,11 +132,11 @@ class Switch:
             self._heard(message)
 
     def _told(self, message: bytes, xid: int) -> bytes:
-        if multipart.asks_for_path_optics(message):
-            return multipart.path_optics_reply(xid, encode_path_optics([]))
-        kind = multipart.multipart_type(message)
+        if messages.asks_for_path_optics(message):
+            return messages.path_optics_reply(xid, encode_path_optics([]))
+        kind = messages.multipart_type(message)
         ports = self._ports if kind == ofp.OFPMP_PORT_DESC else []
-        return multipart.reply(kind, xid, [port.encode() for port in ports])
+        return messages.reply(kind, xid, [port.encode() for port in ports])
 
 
 @dataclass

@@ -12,9 +12,9 @@ from topologies.repeaters import RepeatersTopo
 from topologies.sdc import SdcTopo
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.runs.runtime import Runtime
-from wire.application_lines import figures
 from wire.parameters.network import NetworkSettings
 from wire.results.figures import KeyFigures
+from wire.results.time_series import figures
 
 PORT = 9
 DEPOLARIZING = 0.01  # of each fibre

@@ -47,7 +47,7 @@ def chain(switches: int, channels: int) -> Network:
     """Return switches in a row as they would have been discovered, with so many fibres between."""
     network = Network(set(range(1, switches + 1)))
     for dpid in range(1, switches + 1):
-        network.optics.told(dpid, SwitchOptics(PathOptics(ANY_PORT, ANY_PORT, 0, 0)))
+        network.optics.take(dpid, SwitchOptics(PathOptics(ANY_PORT, ANY_PORT, 0, 0)))
     ports = dict.fromkeys(range(1, switches + 1), 0)
 
     def port(dpid: int) -> SwitchPort:

@@ -41,7 +41,7 @@ def network_of(read: Map, way_fibers: int = WAY_FIBERS) -> tuple[Network, dict[s
     network = Network(set(switches.values()))
     free = dict.fromkeys(switches.values(), HOST_FIBERS + 1)
     for name, dpid in switches.items():
-        network.optics.told(dpid, SwitchOptics(PathOptics(ANY_PORT, ANY_PORT, 0, 0)))
+        network.optics.take(dpid, SwitchOptics(PathOptics(ANY_PORT, ANY_PORT, 0, 0)))
         for port in range(1, HOST_FIBERS + 1):
             host = HostPort(name, address(dpid), f"{name}-q{port - 1}")
             network.attach(SwitchPort(dpid, port), host)

@@ -7,9 +7,8 @@ from contextlib import suppress
 
 from hosts.network_loop import background_sleep
 from hosts.timeouts import ANNOUNCEMENTS_HELD, FASTEST_ANNOUNCEMENTS_S, SLOWER
-from wire.announcement import PERIOD_S
 from wire.config import HostConfig
-from wire.lldp import announcement
+from wire.lldp import PERIOD_S, announcement
 
 
 async def announce(config: HostConfig, found: Callable[[], bool]) -> None:

@@ -18,7 +18,7 @@ from hosts.middleware.session.options import overridden
 from wire.device import DevicePort, DeviceReport, DeviceSettings, Subscribe
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason, Service
-from wire.session_estimates import SessionEstimate
+from wire.monitor_messages import SessionEstimate
 
 log = logging.getLogger("device")
 

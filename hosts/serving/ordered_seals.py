@@ -20,7 +20,7 @@ from hosts.timeouts import UNUSED_S
 from wire.device import DEVICE_PORT
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import Reason, Service
-from wire.seal_orders import GiveBack, SealOrder
+from wire.monitor_messages import GiveBack, SealOrder
 
 log = logging.getLogger("ordered-seals")
 

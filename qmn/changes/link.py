@@ -17,7 +17,7 @@ from topologies.networks.heard_orders import ends_between, until_heard
 from topologies.system.processes.programs import NetworkError
 from wire import typed_json
 from wire.parameters.checks import remedy
-from wire.results.network_facts import NetworkFacts
+from wire.results.run_result import NetworkFacts
 
 INTERFACES = Path("/sys/class/net")
 

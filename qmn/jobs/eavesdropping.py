@@ -17,9 +17,9 @@ from qmn.timeouts import START_TIMEOUT_S
 from topologies.description.description import Description
 from topologies.networks.network import Network
 from topologies.system.processes.programs import Program, python
-from wire.application_lines import fields_of
 from wire.results.figures import EveFigures, Figures
 from wire.results.run_result import ServiceJob
+from wire.results.time_series import fields_of
 
 EVE = "eve"
 TOPOLOGY = "tapped"  # that has her

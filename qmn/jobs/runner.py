@@ -24,10 +24,10 @@ from qmn.timeouts import START_TIMEOUT_S
 from topologies.networks.network import Network
 from topologies.system.machines.machine import Machine
 from topologies.system.processes.programs import NetworkError, Program, python
-from wire.application_lines import Line, figures
 from wire.network_time import NetworkTime, SteppedTime
 from wire.results.figures import Figures, KeyProgress
 from wire.results.run_result import Message, ServiceJob
+from wire.results.time_series import Line, figures
 
 
 @dataclass(frozen=True)

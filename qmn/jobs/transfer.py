@@ -9,8 +9,8 @@ from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.networks.network import Network
 from topologies.system.processes.programs import NetworkError, Program
 from topologies.timeouts import POLL_S
-from wire.application_lines import Line, fields_of
 from wire.controller_lines import read_record
+from wire.results.time_series import Line, fields_of
 
 
 class TransferError(Exception):

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from wire.dispatcher_pb2 import Event
 from wire.parameters.fiber import FiberEnd
-from wire.results.network_facts import NetworkFacts
+from wire.results.run_result import NetworkFacts
 
 Interval = tuple[int, int]  # ns, on the clock of the captures
 Use = dict[str, list[Interval]]  # by what a person calls the fibre and the direction

@@ -17,8 +17,14 @@ from topologies.system.runs.runtime import EVENT_LOG, RECORD
 from wire.controller_lines import read_record
 from wire.dispatcher_record import has_ended
 from wire.metadata.vocabulary import Reason
-from wire.results.network_facts import NetworkFacts
-from wire.results.run_result import Approximated, ServiceJob, Sessions, SetUpTimes, WatchedLight
+from wire.results.run_result import (
+    Approximated,
+    NetworkFacts,
+    ServiceJob,
+    Sessions,
+    SetUpTimes,
+    WatchedLight,
+)
 
 EXACTNESS = {True: "exact", False: "with approximations", None: "exactness unknown"}
 MOST_IDS = 100  # of sessions

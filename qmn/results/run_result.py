@@ -18,7 +18,6 @@ from wire.parameters.fiber import FiberOptics
 from wire.parameters.network import NetworkSettings
 from wire.parameters.physics import Device
 from wire.results.figures import Figures
-from wire.results.network_facts import NetworkFacts
 from wire.results.run_result import (
     BEGUN,
     RESULT,
@@ -28,6 +27,7 @@ from wire.results.run_result import (
     MachineFacts,
     Message,
     NetqasmJob,
+    NetworkFacts,
     ServiceJob,
     Sessions,
     SetUpTimes,

@@ -17,9 +17,10 @@ def hardware(config: AgentConfig) -> OpticalHardware:
             raise BadConfig("hardware_ports are given without hardware; name the instrument, too")
         return SimulatedSwitch(config.switch, config.dispatcher, config.token, config.time)
     if config.time_scale != 1 or config.time_folder:
-        said = "stepped time" if config.time_folder else f"time scale {config.time_scale:g}"
+        clock = "stepped time" if config.time_folder else f"time scale {config.time_scale:g}"
         raise BadConfig(
-            f"{said} with hardware {config.hardware}: an instrument runs in real time; leave it out"
+            f"{clock} with hardware {config.hardware}: an instrument runs in real time; "
+            "leave it out"
         )
     host, port = _address(config.hardware)
     return ScpiSwitch(host, port, _matrix_ports(config))

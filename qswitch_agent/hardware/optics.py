@@ -24,7 +24,7 @@ class CrossConnect(NamedTuple):
 
 @dataclass(frozen=True)
 class Path:
-    """What light undergoes on its way through the switch."""
+    """The effects of the switch on light."""
 
     loss_db: float = 0.0
     rotation: int = 0  # wire.outcomes.Pauli
@@ -42,7 +42,7 @@ class Tuning:
 
 
 class Channel(NamedTuple):
-    """What a multiplexer fixes at a port: its frequency, and how far the next channel is."""
+    """The grid of a multiplexer at a port: its frequency, and how far the next channel is."""
 
     mhz: int
     grid_mhz: int
@@ -50,7 +50,7 @@ class Channel(NamedTuple):
 
 @dataclass(frozen=True)
 class Condition:
-    """What the switch is and how it is, apart from what it counts and measures."""
+    """Identity and condition of the switch, apart from counts and measurements."""
 
     tuning: Tuning | None = None  # None: ports cannot be tuned
     others: Path = Path()  # every path that is not in `paths`
@@ -62,7 +62,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class PortReading:
-    """What a port has counted and measures; a power of None is one that it has no reading of."""
+    """Counts and measurements of a port; a power of None has no reading."""
 
     photons_in: int = 0  # came from the fibre
     photons_out: int = 0  # went into the fibre
@@ -84,7 +84,7 @@ class CircuitReading:
 
 
 class Quantity(Enum):
-    """What a switch may lack the means to count or measure."""
+    """Quantities that a switch may lack the means to count or measure."""
 
     PHOTONS = "photons"  # of ports and circuits: light may pass all the same
     FREQUENCY = "frequency"

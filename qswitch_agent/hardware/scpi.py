@@ -20,7 +20,7 @@ import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from typing import NamedTuple, TypeVar
 
-from qswitch_agent.hardware import scpi_format
+from qswitch_agent.hardware import scpi_link
 from qswitch_agent.hardware.optics import (
     CircuitReading,
     Condition,
@@ -32,8 +32,7 @@ from qswitch_agent.hardware.optics import (
     Quantity,
     Readings,
 )
-from qswitch_agent.hardware.scpi_format import GarbledReply
-from qswitch_agent.hardware.scpi_link import ScpiLink
+from qswitch_agent.hardware.scpi_link import GarbledReply, ScpiLink
 from qswitch_agent.timeouts import CALL_DEADLINE_S, SCPI_POLL_S
 
 NEVER_MEASURED = frozenset(
@@ -73,12 +72,12 @@ class ScpiSwitch:
         Light that is to pass as before is not touched. The others are first disconnected
         and then connected, with one command each.
         """
-        wanted = list(cross_connects)
-        connections = self._connections(wanted)
+        requested = list(cross_connects)
+        connections = self._connections(requested)
 
         async def change() -> None:
             await self._change(connections)
-            numbers = {one.circuit for one in wanted}
+            numbers = {one.circuit for one in requested}
             now_ns = time.time_ns()
             self._since_ns = {number: self._since_ns.get(number, now_ns) for number in numbers}
 
@@ -194,11 +193,11 @@ class ScpiSwitch:
         added = {i: e for i, e in after.items() if before.get(i) != e}
         for verb, connections in (("sub", removed), ("add", added)):
             if connections:
-                await self._link.command(f":oxc:swit:conn:{verb} {scpi_format.pairs(connections)}")
+                await self._link.command(f":oxc:swit:conn:{verb} {scpi_link.pairs(connections)}")
 
     async def _ours(self) -> dict[int, int]:
         """Return the connections that a port of ours takes part in."""
-        connections = scpi_format.read_connections(await self._link.query(":oxc:swit:conn:stat?"))
+        connections = scpi_link.read_connections(await self._link.query(":oxc:swit:conn:stat?"))
         return {
             ingress: egress
             for ingress, egress in connections.items()
@@ -206,16 +205,16 @@ class ScpiSwitch:
         }
 
     async def _condition(self) -> Condition:
-        made = await self._ours()
-        if self._made is not None and made != self._made:
+        own = await self._ours()
+        if self._made is not None and own != self._made:
             raise HardwareFault(
                 f"matrix switch at {self._address}: somebody else has changed its connections "
-                f"to {scpi_format.pairs(made)}; start the agent again to make its own"
+                f"to {scpi_link.pairs(own)}; start the agent again to make its own"
             )
         failed = await self._failed_ports()
         stuck = {
             (self._by_ingress[ingress], self._by_egress[egress])
-            for ingress, egress in made.items()
+            for ingress, egress in own.items()
             if failed & {ingress, egress}
             if ingress in self._by_ingress and egress in self._by_egress
         }
@@ -223,10 +222,10 @@ class ScpiSwitch:
 
     async def _failed_ports(self) -> set[int]:
         numbers = [*self._by_ingress, *self._by_egress]
-        answer = await self._optional(f":oxc:swit:port:stat? {scpi_format.channels(numbers)}")
+        answer = await self._optional(f":oxc:swit:port:stat? {scpi_link.channels(numbers)}")
         if answer is None:
             return set()
-        states = scpi_format.read_states(answer, len(numbers))
+        states = scpi_link.read_states(answer, len(numbers))
         return {number for number, state in zip(numbers, states, strict=True) if state == "F"}
 
     async def _read(self) -> Readings:
@@ -249,10 +248,10 @@ class ScpiSwitch:
 
     async def _powers(self, numbers: Mapping[int, int]) -> dict[int, float]:
         """Return the power in dBm by OpenFlow port, empty where no monitors are."""
-        answer = await self._optional(f":pmon:pow? {scpi_format.channels(numbers)}")
+        answer = await self._optional(f":pmon:pow? {scpi_link.channels(numbers)}")
         if answer is None:
             return {}
-        powers = scpi_format.read_powers(answer, len(numbers))
+        powers = scpi_link.read_powers(answer, len(numbers))
         return dict(zip(numbers.values(), powers, strict=True))
 
     async def _optional(self, query: str) -> str | None:

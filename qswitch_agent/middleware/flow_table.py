@@ -22,7 +22,7 @@ UNMARKED = 1 << 31  # circuits of entries that came past the agent
 
 @dataclass(frozen=True)
 class Plan:
-    """What the hardware shall do, and what of the table it cannot do."""
+    """The cross-connects for the hardware, and the entries that it cannot execute."""
 
     cross_connects: frozenset[CrossConnect] = frozenset()
     refused: Mapping[CrossConnect, str] = field(default_factory=dict)  # and why
@@ -91,7 +91,7 @@ class FlowTable:
         )
 
     def change(self, mod: FlowMod) -> list[FlowMod]:
-        """Do what a FLOW_MOD asks for; return what the bridge must be told to do the same.
+        """Execute a FLOW_MOD; return the messages by which the bridge does the same.
 
         MODIFY leaves time-outs and counters of an entry as they are. The mark that holds
         them is among the actions, so each light entry is modified by a message of its own.
@@ -135,7 +135,7 @@ class FlowTable:
         return changed
 
     def shows(self, mod: FlowMod) -> bool:
-        """Tell whether the table is as a FLOW_MOD leaves it, with the mark that it was told with.
+        """Tell whether the table is as a FLOW_MOD leaves it, with the mark that it was sent with.
 
         So it is no sooner than the bridge has reported what it did, or there was nothing to do.
         """
@@ -156,7 +156,7 @@ class FlowTable:
         """Return the cross-connects that the table asks for, between fibres that are whole.
 
         Two paths cannot end in one port: the higher priority has it, then the lower
-        in_port. What is stuck keeps both its ports from all other paths.
+        in_port. A stuck cross-connect keeps both its ports from all other paths.
         """
         taken: dict[int, CrossConnect] = {}
         refused = {}

@@ -33,7 +33,7 @@ VALID = {  # what the flags of statistics say of each quantity that a switch may
 
 
 class Tuned(NamedTuple):
-    """What a PORT_MOD asks of a port; None: as it is."""
+    """The tuning that a PORT_MOD requests; None: no change."""
 
     frequency_mhz: int | None
     power_dbm: float | None
@@ -63,16 +63,16 @@ def tuning_of(condition: Condition, port: int) -> Tuning | None:
     return replace(tuning, min_mhz=channel.mhz, max_mhz=channel.mhz, grid_mhz=channel.grid_mhz)
 
 
-def tuned(wanted: PortTuning, tuning: Tuning | None) -> Tuned:
+def tuned(requested: PortTuning, tuning: Tuning | None) -> Tuned:
     """Return what a PORT_MOD asks for; raise Refusal for what ports cannot be tuned to."""
-    if unknown := wanted.configure & ~optical.TUNABLE:
+    if unknown := requested.configure & ~optical.TUNABLE:
         raise refusals.bad_value(f"configure has the bits {unknown:#x}, which mean nothing")
-    power_dbm = wanted.tx_power / 10 if wanted.configure & optical.TX_PWR else None
+    power_dbm = requested.tx_power / 10 if requested.configure & optical.TX_PWR else None
     frequency_mhz, direction = None, Direction.BOTH
-    if ends := wanted.configure & (optical.TX_TUNE | optical.RX_TUNE):
-        if not wanted.configure & optical.USE_FREQ:
+    if ends := requested.configure & (optical.TX_TUNE | optical.RX_TUNE):
+        if not requested.configure & optical.USE_FREQ:
             raise refusals.bad_value("give a frequency in MHz, with OFPOPF_USE_FREQ")
-        frequency_mhz, direction = wanted.frequency + wanted.offset, DIRECTIONS[ends]
+        frequency_mhz, direction = requested.frequency + requested.offset, DIRECTIONS[ends]
     if tuning is None:
         raise refusals.bad_value("the ports of this switch cannot be tuned")
     if frequency_mhz is not None and not _on_grid(frequency_mhz, tuning):
@@ -89,7 +89,7 @@ def tuned(wanted: PortTuning, tuning: Tuning | None) -> Tuned:
 def light(readings: Readings, port: int, whole: bool, grid_mhz: int) -> PortLight:
     """Return the optical statistics of a port; their flags say which fields are measured.
 
-    Whoever reads a power in spite of its flag finds no light: no fibre, or a cut one, has none.
+    A power that its flag makes invalid reads as no light, as of no fibre or a cut one.
     """
     reading = readings.ports.get(port)
     missing = set(readings.not_measured) if reading else set(Quantity)

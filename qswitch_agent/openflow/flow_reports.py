@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from qswitch_agent.openflow import constants as ofp
-from qswitch_agent.openflow import instructions, matches, multipart
+from qswitch_agent.openflow import instructions, matches, messages
 from qswitch_agent.openflow.flows import FlowEntry, entry
 from qswitch_agent.openflow.instructions import Instructions, Mark
 from qswitch_agent.openflow.messages import HEADER, NOT_AVAILABLE, strict, with_body
@@ -53,15 +53,15 @@ def flow_monitor_request(xid: int) -> bytes:
         0,
         ofp.OFPFMC_ADD,
     )
-    return multipart.request(ofp.OFPMP_FLOW_MONITOR, xid, body + matches.join(b""))
+    return messages.request(ofp.OFPMP_FLOW_MONITOR, xid, body + matches.join(b""))
 
 
 @strict
 def flow_updates(message: bytes) -> list[FlowUpdate]:
     """Return the flow monitor's events in a multipart reply, none if it is another reply."""
-    if multipart.multipart_type(message) != ofp.OFPMP_FLOW_MONITOR:
+    if messages.multipart_type(message) != ofp.OFPMP_FLOW_MONITOR:
         return []
-    return list(_each_update(message[multipart.BODY :]))
+    return list(_each_update(message[messages.BODY :]))
 
 
 def _each_update(data: bytes) -> Iterator[FlowUpdate]:
@@ -91,7 +91,7 @@ def monitor_shown(message: bytes, known: Known) -> bytes:
     `known` tells of an entry, by priority, match, cookie and whether it was removed: its mark,
     if it is a light entry, and whether it was removed because no light passed.
     """
-    body, data = b"", message[multipart.BODY :]
+    body, data = b"", message[messages.BODY :]
     while data:
         length, event = struct.unpack_from("!HH", data)
         if not 8 <= length <= len(data):
@@ -101,7 +101,7 @@ def monitor_shown(message: bytes, known: Known) -> bytes:
         )
         body += shown
         data = data[length:]
-    return with_body(message, message[HEADER.size : multipart.BODY] + body)
+    return with_body(message, message[HEADER.size : messages.BODY] + body)
 
 
 def _update_shown(update: bytes, known: Known) -> bytes:
@@ -155,7 +155,7 @@ class FlowStatistics:
 
 @strict
 def flow_statistics(message: bytes) -> list[FlowStatistics]:
-    entries, offset = [], multipart.BODY
+    entries, offset = [], messages.BODY
     while offset < len(message):
         fixed = STATISTICS.unpack_from(message, offset)
         if not STATISTICS.size <= fixed[0] <= len(message) - offset:

@@ -60,7 +60,7 @@ class FlowMod(NamedTuple):
         return self.command in (ofp.OFPFC_MODIFY_STRICT, ofp.OFPFC_DELETE_STRICT)
 
     def marked(self, mark: Mark) -> "FlowMod":
-        """Return what the bridge is told: the mark instead of the idle time-out.
+        """Return the message to the bridge: the mark instead of the idle time-out.
 
         The match is written as the bridge reports it, so that both are one entry to the agent.
         """
@@ -75,7 +75,7 @@ class FlowMod(NamedTuple):
 
 @dataclass(frozen=True)
 class FlowEntry:
-    """What the agent needs to know of a flow entry; priority and match identify it."""
+    """A flow entry, as the agent needs it; priority and match identify it."""
 
     priority: int
     match: bytes  # the OXM fields as they were sent

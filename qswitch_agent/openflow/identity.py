@@ -1,15 +1,15 @@
 """The switch's own words of itself: description, features, its one table, its fibres' medium.
 
 Open vSwitch would speak of itself: 254 tables that match and rewrite headers, groups, meters.
-Light has one table, which matches ports. What a switch with copper ports does for packets in
-further tables stays Open vSwitch's; of such tables no features are told.
+Light has one table, which matches ports. On a switch with copper ports further tables
+for packets stay Open vSwitch's; the agent reports no features of them.
 """
 
 import struct
 from typing import NamedTuple
 
 from qswitch_agent.openflow import constants as ofp
-from qswitch_agent.openflow import multipart
+from qswitch_agent.openflow import messages
 from qswitch_agent.openflow.messages import HEADER, each_part, strict, with_body
 
 DESCRIPTION = struct.Struct(ofp.OFP_DESC_PACK_STR)  # maker, hardware, software, serial, datapath
@@ -22,7 +22,7 @@ PACKETS_ALONE = ofp.OFPC_GROUP_STATS | ofp.OFPC_QUEUE_STATS | ofp.OFPC_IP_REASM
 
 
 class Identity(NamedTuple):
-    """What is told of one switch."""
+    """The description of one switch."""
 
     name: str = ""
     fibers: int = 0
@@ -31,7 +31,7 @@ class Identity(NamedTuple):
 @strict
 def described(message: bytes, identity: Identity) -> bytes:
     """Return a reply to OFPMP_DESC that describes the quantum switch."""
-    _maker, _hardware, software, serial, _name = DESCRIPTION.unpack_from(message, multipart.BODY)
+    _maker, _hardware, software, serial, _name = DESCRIPTION.unpack_from(message, messages.BODY)
     bridge = software.partition(b"\0")[0].decode("ascii", "replace")
     texts = (
         b"qmn",
@@ -40,7 +40,7 @@ def described(message: bytes, identity: Identity) -> bytes:
         serial,
         identity.name.encode(),
     )
-    return multipart.rebuilt(message, [DESCRIPTION.pack(*texts)])
+    return messages.rebuilt(message, [DESCRIPTION.pack(*texts)])
 
 
 @strict
@@ -74,7 +74,7 @@ def table_features(xid: int) -> bytes:
         )
     )
     head = TABLE.pack(TABLE.size + len(properties), 0, b"light", 0, 0, 0, MAX_ENTRIES)
-    return multipart.reply(ofp.OFPMP_TABLE_FEATURES, xid, [head + properties])
+    return messages.reply(ofp.OFPMP_TABLE_FEATURES, xid, [head + properties])
 
 
 def _property(kind: int, data: bytes) -> bytes:
@@ -84,7 +84,7 @@ def _property(kind: int, data: bytes) -> bytes:
 
 def nothing_of(message: bytes) -> bytes:
     """Return a reply like this one that says 0 everywhere: no groups, or no meters."""
-    return multipart.rebuilt(message, [bytes(len(message) - multipart.BODY)])
+    return messages.rebuilt(message, [bytes(len(message) - messages.BODY)])
 
 
 def on_fiber(properties: bytes) -> bytes:

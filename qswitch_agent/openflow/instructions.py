@@ -39,7 +39,7 @@ ADDED = 1 << 31  # of a circuit in a mark: the instruction around it is the agen
 
 @dataclass(frozen=True)
 class Mark:
-    """What the bridge's table holds for the agent in a light entry."""
+    """The agent's mark in a light entry of the bridge's table."""
 
     idle_timeout_s: int  # that the controller asked for; 0: none
     circuit: int  # photons are counted under this number; 0 is none
@@ -70,7 +70,7 @@ class Instructions(NamedTuple):
         """Return the instructions with a mark, first of what is done at once."""
         if self.kinds != (APPLY,):
             return parse(self._with_mark_among(mark))
-        # As light entries are: nothing has to be taken apart anew.
+        # As light entries are: nothing has to be decoded again.
         note = mark.encode()
         data = _instruction(APPLY, note + self.data[INSTRUCTION.size :])
         actions = ((ofp.OFPAT_EXPERIMENTER, note), *self.actions)
@@ -102,7 +102,7 @@ def _parts(data: bytes) -> Instructions:
         elif len(body) != LENGTHS.get(kind, len(body)):
             raise _bad(ofp.OFPBIC_BAD_LEN, f"instruction {kind} of {len(body)} bytes")
         if kind != ofp.OFPIT_EXPERIMENTER and kinds.count(kind) > 1:
-            raise _bad(ofp.OFPBIC_DUP_INST, f"instruction {kind} is there twice")
+            raise _bad(ofp.OFPBIC_DUP_INST, f"instruction {kind} occurs twice")
     marks = [mark for _, one in actions if (mark := Mark.decode(one))]
     return Instructions(
         data,
@@ -117,7 +117,7 @@ _remembered: dict[bytes, Instructions] = {}
 
 
 def parse(data: bytes) -> Instructions:
-    """Return instructions taken apart, each once: the bridge reports what it was told."""
+    """Return decoded instructions, each decoded once: the bridge reports the same bytes."""
     return _remembered.get(data) or _remember(_parts(data))
 
 

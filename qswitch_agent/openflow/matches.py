@@ -53,7 +53,7 @@ def _fields(data: bytes) -> Fields:
             raise _bad(ofp.OFPBMC_BAD_LEN, f"match field {oxm_class:#x}/{number >> 1} is cut short")
         key, value, mask = _field(oxm_class, number >> 1, bool(number & 1), body)
         if key in fields:
-            reason = f"match field {oxm_class:#x}/{number >> 1} is there twice"
+            reason = f"match field {oxm_class:#x}/{number >> 1} occurs twice"
             raise _bad(ofp.OFPBMC_DUP_FIELD, reason)
         if any(mask) or not mask:
             fields[key] = value, mask

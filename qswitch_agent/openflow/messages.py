@@ -1,12 +1,20 @@
-"""Framing, headers, and the messages that are alike for all: HELLO, ERROR, barriers."""
+"""Framing, headers, and the messages that are alike for all: HELLO, ERROR, barriers.
+
+SET_ASYNC and GET_ASYNC_REPLY as bytes: which removals of flow entries a controller hears of.
+
+Light entries never expire in the bridge: the agent deletes those that are idle. So the bridge
+gets the order to report deletions if the controller wants to hear of idle entries, and the agent
+drops reports that it did not request.
+"""
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
 from qswitch_agent.openflow import constants as ofp
 from wire.malformed import MalformedPacket
+from wire.optical import EXPERIMENTER, PATH_OPTICS
 
 HEADER = struct.Struct(ofp.OFP_HEADER_PACK_STR)  # version, type, length, xid
 ERROR = struct.Struct("!HH")  # type, code
@@ -143,3 +151,99 @@ def error_code(message: bytes) -> tuple[int, int]:
 @strict
 def role(message: bytes) -> int:
     return int(ROLE.unpack_from(message, HEADER.size)[0])
+
+
+REASONS = struct.Struct(ofp.OFP_ASYNC_CONFIG_PROP_REASONS_PACK_STR)  # type, length, mask
+SLAVE, MASTER = ofp.OFPACPT_FLOW_REMOVED_SLAVE, ofp.OFPACPT_FLOW_REMOVED_MASTER
+IDLE, DELETED = 1 << ofp.OFPRR_IDLE_TIMEOUT, 1 << ofp.OFPRR_DELETE
+ALL_REASONS = (1 << ofp.OFPRR_EVICTION + 1) - 1
+DEFAULT = {SLAVE: 0, MASTER: ALL_REASONS}  # of a connection that has set nothing
+
+
+def removal_masks(message: bytes) -> dict[int, int]:
+    masks = (REASONS.unpack(part) for part in _parts(message) if _is_removal(part))
+    return {kind: mask for kind, _length, mask in masks}
+
+
+def with_deletions(message: bytes) -> bytes:
+    masks = removal_masks(message)
+    wider = {kind: mask | (DELETED if mask & IDLE else 0) for kind, mask in masks.items()}
+    return with_removal_masks(message, wider)
+
+
+def with_removal_masks(message: bytes, masks: Mapping[int, int]) -> bytes:
+    return with_body(message, b"".join(_with_mask(part, masks) for part in _parts(message)))
+
+
+def _parts(message: bytes) -> Iterator[bytes]:
+    return (body for _kind, body in each_part(message[HEADER.size :], 4, "property"))
+
+
+def _is_removal(part: bytes) -> bool:
+    return int.from_bytes(part[:2], "big") in (SLAVE, MASTER) and len(part) == REASONS.size
+
+
+def _with_mask(part: bytes, masks: Mapping[int, int]) -> bytes:
+    if not _is_removal(part):
+        return part
+    kind, length, mask = REASONS.unpack(part)
+    return REASONS.pack(kind, length, masks.get(kind, mask))
+
+
+MULTIPART = struct.Struct("!HH4x")  # type, flags
+BODY = HEADER.size + MULTIPART.size
+MORE = ofp.OFPMPF_REPLY_MORE
+EXPERIMENT = struct.Struct("!II")  # experimenter, exp_type
+
+
+@strict
+def multipart_type(message: bytes) -> int:
+    return int(MULTIPART.unpack_from(message, HEADER.size)[0])
+
+
+@strict
+def more_follows(message: bytes) -> bool:
+    return bool(MULTIPART.unpack_from(message, HEADER.size)[1] & MORE)
+
+
+def request(kind: int, xid: int, body: bytes = b"") -> bytes:
+    return encode(ofp.OFPT_MULTIPART_REQUEST, xid, MULTIPART.pack(kind, 0) + body)
+
+
+def reply(kind: int, xid: int, parts: Iterable[bytes], more: bool = False) -> bytes:
+    """Return a reply made of these parts, as one message or, if they are many, several."""
+    bodies, size = [b""], MAX_LENGTH - BODY
+    for part in parts:
+        if len(bodies[-1]) + len(part) > size:
+            bodies.append(b"")
+        bodies[-1] += part
+    flags = [MORE] * (len(bodies) - 1) + [MORE if more else 0]
+    return b"".join(
+        encode(ofp.OFPT_MULTIPART_REPLY, xid, MULTIPART.pack(kind, flag) + body)
+        for body, flag in zip(bodies, flags, strict=True)
+    )
+
+
+def rebuilt(message: bytes, parts: Iterable[bytes]) -> bytes:
+    """Return a reply like this one, but with these parts."""
+    kind, xid = multipart_type(message), transaction_id(message)
+    return reply(kind, xid, parts, more_follows(message))
+
+
+@strict
+def asks_for_path_optics(message: bytes) -> bool:
+    if multipart_type(message) != ofp.OFPMP_EXPERIMENTER:
+        return False
+    return EXPERIMENT.unpack_from(message, BODY) == (EXPERIMENTER, PATH_OPTICS)
+
+
+def path_optics_reply(xid: int, body: bytes) -> bytes:
+    """Return our experimenter's reply, whose body wire.optical encodes; in parts if long."""
+    entries = [body[at : at + 16] for at in range(0, len(body), 16)]
+    head, capacity = EXPERIMENT.pack(EXPERIMENTER, PATH_OPTICS), (MAX_LENGTH - BODY - 8) // 16
+    chunks = [entries[at : at + capacity] for at in range(0, len(entries), capacity)] or [[]]
+    parts = [head + b"".join(chunk) for chunk in chunks]
+    return b"".join(
+        reply(ofp.OFPMP_EXPERIMENTER, xid, [part], more=number + 1 < len(parts))
+        for number, part in enumerate(parts)
+    )

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from qswitch_agent.openflow import constants as ofp
-from qswitch_agent.openflow import multipart
+from qswitch_agent.openflow import messages
 from qswitch_agent.openflow.messages import (
     HEADER,
     NOT_AVAILABLE,
@@ -66,7 +66,7 @@ def _ports(data: bytes) -> Iterator[Port]:
 @strict
 def described_ports(message: bytes) -> list[Port]:
     status = message[1] == ofp.OFPT_PORT_STATUS
-    return list(_ports(message[STATUS_PORT if status else multipart.BODY :]))
+    return list(_ports(message[STATUS_PORT if status else messages.BODY :]))
 
 
 @strict
@@ -80,7 +80,7 @@ def with_ports(message: bytes, ports: list[Port]) -> bytes:
     parts = [port.encode() for port in ports]
     if message[1] == ofp.OFPT_PORT_STATUS:
         return with_body(message, message[HEADER.size : STATUS_PORT] + b"".join(parts))
-    return multipart.rebuilt(message, parts)
+    return messages.rebuilt(message, parts)
 
 
 def port_watch(xid: int) -> bytes:
@@ -94,7 +94,7 @@ def port_watch(xid: int) -> bytes:
         ofp.OFP_ASYNC_CONFIG_PROP_REASONS_SIZE,
         REASONS,
     )
-    return encode(ofp.OFPT_SET_ASYNC, xid, reasons) + multipart.request(ofp.OFPMP_PORT_DESC, xid)
+    return encode(ofp.OFPT_SET_ASYNC, xid, reasons) + messages.request(ofp.OFPMP_PORT_DESC, xid)
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ class PortStatistics:
 
 @strict
 def port_statistics(message: bytes) -> list[PortStatistics]:
-    ports, offset = [], multipart.BODY
+    ports, offset = [], messages.BODY
     while offset < len(message):
         fixed = STATISTICS.unpack_from(message, offset)
         if not STATISTICS.size <= fixed[0] <= len(message) - offset:

@@ -23,14 +23,14 @@ class Member:
 
     message: bytes  # the message itself, as the controller sent it
     envelope: bytes  # the BUNDLE_ADD_MESSAGE around it
-    mod: FlowMod | None = None  # as the bridge is told
+    mod: FlowMod | None = None  # as sent to the bridge
     light: bool = False  # it adds or modifies light entries
     sent: bool = True  # to the bridge; False: it depends on what the table is at COMMIT
 
 
 @dataclass
 class Bundle:
-    """What a controller has put into one bundle."""
+    """The messages of one bundle."""
 
     members: list[Member] = field(default_factory=list)
     tunings: Tunings = field(default_factory=list)

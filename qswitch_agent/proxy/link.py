@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 from qswitch_agent.bridge import BridgeFault
 from qswitch_agent.middleware.flow_table import FlowTable
-from qswitch_agent.openflow import async_config, messages, packets
 from qswitch_agent.openflow import constants as ofp
+from qswitch_agent.openflow import messages, packets
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.messages import message_type, transaction_id
 from qswitch_agent.proxy.bundles import Bundles
@@ -20,7 +20,7 @@ from qswitch_agent.timeouts import BARRIER_DEADLINE_S, SHOW_SOON_S
 
 PRIVATE_XID = 0x514D0000
 UNDONE = ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_UNKNOWN  # no code says: by the hardware
-MAX_SAID = 10_000  # messages that wait for their turn; more wait in the connection
+MAX_OUTGOING = 10_000  # messages that wait for their turn; more wait in the connection
 log = logging.getLogger(__name__)
 
 
@@ -36,16 +36,16 @@ class Change(NamedTuple):
     """A change of the flow table that the flow monitor may not have reported yet."""
 
     number: int
-    told: tuple[FlowMod, ...]  # to the bridge
+    mods: tuple[FlowMod, ...]  # to the bridge
     certain: bool  # it deletes, which the bridge does not refuse
 
 
-class Said(NamedTuple):
+class Outgoing(NamedTuple):
     """A message on its way to the controller."""
 
     message: bytes
-    since_ns: int  # time.monotonic_ns: the bridge has said it by then
-    by_agent: bool = False  # as it is to be; else the bridge said it
+    since_ns: int  # time.monotonic_ns: the bridge has sent it by then
+    by_agent: bool = False  # else the bridge sent it
 
 
 class Link:
@@ -57,11 +57,11 @@ class Link:
         self._batches = batches
         self.bridge = bridge
         self.controller = controller
-        self.said: asyncio.Queue[Said] = asyncio.Queue(MAX_SAID)
+        self.outgoing: asyncio.Queue[Outgoing] = asyncio.Queue(MAX_OUTGOING)
         self._requests: list[bytes] = []  # for the bridge, in one write
         self._shown: list[bytes] = []  # for the controller, in one write
         self.is_slave = False
-        self.removals = dict(async_config.DEFAULT)  # that the controller wants to hear of
+        self.removals = dict(messages.DEFAULT)  # that the controller wants to hear of
         self.bundles = Bundles()
         self.aggregates: dict[int, tuple[int, int, int]] = {}  # packets, bytes, flows by xid
         self._soon: asyncio.TimerHandle | None = None  # the next show, if it is not at once
@@ -86,7 +86,7 @@ class Link:
             self._requests.clear()
 
     def to_controller(self, message: bytes) -> None:
-        """Send what was said last to the controller (nothing, if empty), at the next show."""
+        """Send the last message (none, if empty) to the controller at the next show."""
         self._shown.append(message)
 
     @property
@@ -109,16 +109,16 @@ class Link:
         if message:
             self.controller.write(message)
         for _ in self._shown:
-            self.said.task_done()
+            self.outgoing.task_done()
         self._shown.clear()
 
     async def answer(self, message: bytes) -> None:
-        """Send an answer of the agent's own to the controller, behind what the bridge has said."""
-        await self.said.put(Said(message, time.monotonic_ns(), by_agent=True))
+        """Send an answer of the agent to the controller, behind the messages of the bridge."""
+        await self.outgoing.put(Outgoing(message, time.monotonic_ns(), by_agent=True))
 
     def wants_removal(self, reason: int) -> bool:
         """Tell whether the controller wants to hear of entries removed for a reason."""
-        role = async_config.SLAVE if self.is_slave else async_config.MASTER
+        role = messages.SLAVE if self.is_slave else messages.MASTER
         return bool(self.removals[role] >> reason & 1)
 
     def fail(self, request: bytes, reason: str) -> None:
@@ -126,7 +126,7 @@ class Link:
         log.info("refused after all: %s", reason)
         self._failed.append(messages.error(*UNDONE, request))
         with contextlib.suppress(asyncio.QueueFull):  # then something is shown anyway
-            self.said.put_nowait(Said(b"", time.monotonic_ns(), by_agent=True))
+            self.outgoing.put_nowait(Outgoing(b"", time.monotonic_ns(), by_agent=True))
 
     def failed(self) -> bytes:
         """Return the errors that are to be shown now."""
@@ -135,12 +135,12 @@ class Link:
 
     def delete(self, mod: FlowMod, request: bytes) -> None:
         """Send a FLOW_MOD that deletes: what it will do is certain."""
-        self.change(request, told=(mod,), certain=True)
+        self.change(request, mods=(mod,), certain=True)
 
     @property
     def deletions(self) -> list[FlowMod]:
-        """What has been asked to be deleted, and may not have been reported yet."""
-        return [mod for change in self._unreported if change.certain for mod in change.told]
+        """Requested deletions that may not have been reported yet."""
+        return [mod for change in self._unreported if change.certain for mod in change.mods]
 
     @property
     def only_deletes(self) -> bool:
@@ -155,22 +155,22 @@ class Link:
     def seen_in(self, table: FlowTable) -> bool:
         """Tell whether a table shows all changes that the bridge has made; not if there are none.
 
-        Who has asked for nothing wants to know what others have changed.
+        A controller without requests waits for the changes of others.
         """
         if self._unknown > self._reported:
             return False
-        made = [change.told for change in self._unreported if change.number <= self.confirmed]
-        return bool(made) and all(table.shows(mod) for mods in made for mod in mods)
+        confirmed = [change.mods for change in self._unreported if change.number <= self.confirmed]
+        return bool(confirmed) and all(table.shows(mod) for mods in confirmed for mod in mods)
 
     def change(
-        self, *requests: bytes, told: tuple[FlowMod, ...] | None = None, certain: bool = False
+        self, *requests: bytes, mods: tuple[FlowMod, ...] | None = None, certain: bool = False
     ) -> None:
         """Send what changes the flow table; None: it is not known how."""
         self._changes += 1
-        if told is None:
+        if mods is None:
             self._unknown = self._changes
         else:
-            self._unreported.append(Change(self._changes, told, certain))
+            self._unreported.append(Change(self._changes, mods, certain))
         for request in requests:
             self.to_bridge(request)
 
@@ -186,7 +186,7 @@ class Link:
         return self._reported < self.confirmed
 
     def reported(self, confirmed: int) -> None:
-        """Note that the flow monitor has reported so many changes."""
+        """Note the number of changes that the flow monitor has reported."""
         self._reported = max(self._reported, confirmed)
         while self._unreported and self._unreported[0].number <= self._reported:
             self._unreported.popleft()
@@ -216,7 +216,7 @@ class Link:
     async def settle(self) -> None:
         """Return when all that was asked for up to now is answered."""
         await self._own_barrier()  # the bridge answers barriers in their order
-        await self.said.join()
+        await self.outgoing.join()
 
     async def _own_barrier(self) -> None:
         passed = asyncio.get_running_loop().create_future()

@@ -22,7 +22,7 @@ from programs.connection_shares import StreamServer
 from qswitch_agent.bridge import BridgeFault
 from qswitch_agent.hardware.optics import HardwareFault
 from qswitch_agent.openflow.messages import Framer, require_version
-from qswitch_agent.proxy.link import Link, Said
+from qswitch_agent.proxy.link import Link, Outgoing
 from qswitch_agent.proxy.replies import Replies
 from qswitch_agent.proxy.requests import Requests
 from qswitch_agent.switch import Switch
@@ -77,7 +77,7 @@ class Server:
         connection.add_done_callback(self._connections.discard)
 
     async def _connect(self, reader: StreamReader, writer: StreamWriter) -> None:
-        """Connect whoever has come to the other side, until either of them ends it."""
+        """Connect a peer to the other side, until either of them ends it."""
         raise NotImplementedError
 
     async def _pass_on(self, bridge: Ends, controller: Ends, greeting: bytes = b"") -> None:
@@ -120,31 +120,31 @@ class Server:
                 now_ns = time.monotonic_ns()
                 for message in framer.feed(data):
                     if not link.is_ours(require_version(message)):
-                        await link.said.put(Said(message, now_ns))
+                        await link.outgoing.put(Outgoing(message, now_ns))
                 data = b""
         except (MalformedPacket, OSError) as error:
             return f"messages of the bridge: {error}"
-        await link.said.join()
+        await link.outgoing.join()
         return "the bridge closed it"
 
     async def _show(self, link: Link) -> str:
-        """Pass on what the bridge has said, as soon as it is true of light, too.
+        """Pass on messages of the bridge, as soon as they are true of light, too.
 
-        What is there to be said at once goes in one write, which costs more than the rest; what
-        comes before a barrier's reply goes with it, if that comes soon.
+        Messages that are due at once go in one write, which costs more than the rest; those
+        before a barrier's reply go with it, if that comes soon.
         """
         replies = Replies(self._switch, link, self._hold_deadline_s)
         try:
             while True:
-                message, since_ns, by_agent = await link.said.get()
+                message, since_ns, by_agent = await link.outgoing.get()
                 if not by_agent:
                     if replies.may_wait(message):
                         link.show_soon()
                     message = await replies.shown(message, since_ns)
                 link.to_controller(link.failed() + message)
-                if link.said.empty() and link.owes_barrier:
+                if link.outgoing.empty() and link.owes_barrier:
                     link.show_soon()
-                elif link.said.empty():
+                elif link.outgoing.empty():
                     link.show()
                     await link.controller.drain()
         except (MalformedPacket, OSError) as error:
@@ -184,7 +184,7 @@ class Proxy(Server):
     async def _reach_controller(
         self, bridge: StreamReader
     ) -> tuple[bytes, StreamReader, StreamWriter] | None:
-        """Return what the bridge has said meanwhile, and the connection; None if it left."""
+        """Return the messages of the bridge meanwhile, and the connection; None if it left."""
         greeting = b""
         dial = asyncio.create_task(self._dial())
         try:

@@ -6,16 +6,8 @@ import struct
 
 from qswitch_agent.bridge import NO_PACKETS, BridgeFault
 from qswitch_agent.hardware.optics import HardwareFault, HardwareRefusal, Readings
-from qswitch_agent.openflow import (
-    async_config,
-    flow_reports,
-    identity,
-    messages,
-    multipart,
-    packets,
-    ports,
-)
 from qswitch_agent.openflow import constants as ofp
+from qswitch_agent.openflow import flow_reports, identity, messages, packets, ports
 from qswitch_agent.openflow.flow_reports import FlowRemoved
 from qswitch_agent.openflow.flows import FlowEntry
 from qswitch_agent.openflow.instructions import Mark
@@ -57,7 +49,7 @@ class Replies:
     async def shown(self, message: bytes, since_ns: int) -> bytes:
         """Return what the controller gets for a message of the bridge; it may be nothing.
 
-        The bridge has said it at `since_ns` (time.monotonic_ns) or before.
+        The bridge has sent it at `since_ns` (time.monotonic_ns) or before.
         """
         kind = message_type(message)
         if kind not in CHANGED:
@@ -71,7 +63,7 @@ class Replies:
         if kind == ofp.OFPT_FEATURES_REPLY:
             return identity.features(message, self._switch.optical_alone)
         if kind == ofp.OFPT_GET_ASYNC_REPLY:
-            return async_config.with_removal_masks(message, self._link.removals)
+            return messages.with_removal_masks(message, self._link.removals)
         if kind == ofp.OFPT_FLOW_REMOVED:
             return await self._flow_removed(message, since_ns)
         if kind == ofp.OFPT_PACKET_IN:
@@ -81,7 +73,7 @@ class Replies:
     async def _barrier(self, message: bytes) -> bytes:
         """Hold the reply until light passes as was asked for before the barrier.
 
-        What has not come about until the deadline is answered by errors.
+        Requests that are not executed until the deadline are answered by errors.
         """
         try:
             confirmed = self._link.confirmed
@@ -113,7 +105,7 @@ class Replies:
         return (mark, False) if mark else None
 
     async def _multipart(self, message: bytes, since_ns: int) -> bytes:
-        kind = multipart.multipart_type(message)
+        kind = messages.multipart_type(message)
         if kind == ofp.OFPMP_PORT_DESC:
             return self._ports(message)
         if kind == ofp.OFPMP_DESC:
@@ -143,7 +135,7 @@ class Replies:
             return message
         readings = await self._switch.read()
         parts = [self._photons(port, readings).encode() for port in statistics]
-        return multipart.rebuilt(message, parts)
+        return messages.rebuilt(message, parts)
 
     def _photons(self, port: ports.PortStatistics, readings: Readings) -> ports.PortStatistics:
         if port.number not in self._switch.fibers:
@@ -166,17 +158,17 @@ class Replies:
                     statistics[number] = statistics[number].shown(mark, photons)
         xid = transaction_id(message)
         if xid not in self._link.aggregates:
-            return multipart.rebuilt(message, [entry.encode() for entry in statistics])
+            return messages.rebuilt(message, [entry.encode() for entry in statistics])
         counted, octets, count = self._link.aggregates[xid]
         counted = _total([counted, *(entry.packets for entry in statistics)])
         octets = _total([octets, *(entry.octets for entry in statistics)])
         count += len(statistics)
         self._link.aggregates[xid] = counted, octets, count
-        if multipart.more_follows(message):
+        if messages.more_follows(message):
             return b""
         del self._link.aggregates[xid]
         body = AGGREGATE.pack(counted, octets, count)
-        return multipart.reply(ofp.OFPMP_AGGREGATE, xid, [body])
+        return messages.reply(ofp.OFPMP_AGGREGATE, xid, [body])
 
     def _mark(self, entry: FlowEntry) -> Mark | None:
         """Return the mark of a light entry; what a controller noted elsewhere is its own."""

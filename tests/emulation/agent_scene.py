@@ -32,7 +32,7 @@ from qswitch_agent.openflow.messages import HEADER, Framer
 from topologies.system.processes.programs import python
 from topologies.system.runs.runtime import free_port
 from wire import dispatcher_pb2 as pb
-from wire import frames, optical
+from wire import dispatcher_service, optical
 from wire.config import AgentConfig
 from wire.dispatcher_service import cross_connects_socket
 
@@ -94,11 +94,11 @@ class AgentHandler(socketserver.StreamRequestHandler):
         while message := self._message():
             request = pb.CrossConnectRequest.FromString(message)
             outcome = self.server.dispatcher.cross_connect(token, request)
-            self.wfile.write(frames.encode(outcome.SerializeToString()))
+            self.wfile.write(dispatcher_service.encode(outcome.SerializeToString()))
 
     def _message(self) -> bytes:
-        length = self.rfile.read(frames.LENGTH.size)
-        return self.rfile.read(*frames.LENGTH.unpack(length)) if length else b""
+        length = self.rfile.read(dispatcher_service.LENGTH.size)
+        return self.rfile.read(*dispatcher_service.LENGTH.unpack(length)) if length else b""
 
 
 class Dispatcher:

@@ -32,15 +32,11 @@ from controller_apps.openflow import discovery
 from controller_apps.packets import datagrams, segments
 from hosts.middleware.services.key_distribution.messages import Cutter
 from wire import (
-    announcement as host_seal,
-)
-from wire import (
-    application_lines,
     controller_lines,
     device,
     dispatcher_record,
+    dispatcher_service,
     events,
-    frames,
     machine_channel,
     optical,
     packed_folder,
@@ -50,6 +46,7 @@ from wire import (
     socket_calls,
     verdict,
 )
+from wire import lldp as host_seal
 from wire.conference import ConferenceProposal
 from wire.dispatcher_pb2 import BlockId, Event
 from wire.features import EVERYTHING, NodeFeatures
@@ -58,6 +55,7 @@ from wire.lldp import announcement
 from wire.malformed import MalformedPacket
 from wire.metadata.decoding import decode
 from wire.metadata.vocabulary import Verdict
+from wire.results import time_series
 
 KEY = "0f" * 16
 CONNECTION = ("10.0.0.1", 4711, "10.0.0.2", 9010)
@@ -105,7 +103,7 @@ def _frame(data: bytes) -> bytes:
         stream = asyncio.StreamReader()
         stream.feed_data(data)
         stream.feed_eof()
-        return await frames.read(stream)
+        return await dispatcher_service.read(stream)
 
     return asyncio.run(read())
 
@@ -295,7 +293,7 @@ FORMATS: dict[str, Target] = {
     ),
     "line of an application": Target(
         _key_texts({"event": "key", "key_ID": str(IDS[0]), "seconds": 0.5}),
-        application_lines.fields_of,
+        time_series.fields_of,
         lambda fields: json.dumps(fields).encode(),
         False,
         spoiled_json,
@@ -304,9 +302,9 @@ FORMATS: dict[str, Target] = {
     "pcapng": Target([test_pcapng.written()], _packets),
     "pcap": Target([netqasm_samples.pcap(SEGMENT)], _pcap_packets),
     "frame": Target(
-        [frames.encode(b"message")],
+        [dispatcher_service.encode(b"message")],
         _frame,
-        frames.encode,
+        dispatcher_service.encode,
         False,
         refusals=(MalformedPacket, EOFError),
     ),

@@ -16,8 +16,8 @@ from controller_apps.sessions import snapshot
 from dispatcher.sabot.circuits.circuit import Circuit, CircuitError, Source
 from dispatcher.sabot.circuits.qasm import read_qasm
 from dispatcher.sabot.circuits.reading import read_chp
-from qswitch_agent.hardware import scpi_format
-from qswitch_agent.hardware.scpi_format import GarbledReply
+from qswitch_agent.hardware import scpi_link
+from qswitch_agent.hardware.scpi_link import GarbledReply
 from qswitch_agent.openflow import matches
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.refusals import Refusal
@@ -70,7 +70,7 @@ def _text(data: bytes) -> str:
 
 
 def _powers(data: bytes) -> list[float]:
-    powers = scpi_format.read_powers(_text(data), 3)
+    powers = scpi_link.read_powers(_text(data), 3)
     assert len(powers) == 3
     assert all(map(isfinite, powers))
     return powers
@@ -124,14 +124,14 @@ TARGETS: dict[str, Target] = {
     ),
     "instrument, connections": Target(
         [b"(@1,2),(@17,18)", b"(@),(@)"],
-        lambda data: scpi_format.read_connections(_text(data)),
-        lambda connections: scpi_format.pairs(connections).encode(),
+        lambda data: scpi_link.read_connections(_text(data)),
+        lambda connections: scpi_link.pairs(connections).encode(),
         canonical=False,  # spaces
         refusals=(GarbledReply,),
     ),
     "instrument, error": Target(
         [b'-222,"Data out of range"', b'0,"No error"'],
-        lambda data: scpi_format.read_error(_text(data)),
+        lambda data: scpi_link.read_error(_text(data)),
         lambda both: f'{both[0]},"{both[1]}"'.encode(),
         canonical=False,
         refusals=(GarbledReply,),
@@ -139,7 +139,7 @@ TARGETS: dict[str, Target] = {
     "instrument, powers": Target([b"(-10.53,+0.0,-6.0e1)"], _powers, refusals=(GarbledReply,)),
     "instrument, port states": Target(
         [b"(E,D,F)"],
-        lambda data: scpi_format.read_states(_text(data), 3),
+        lambda data: scpi_link.read_states(_text(data), 3),
         lambda states: f"({','.join(states)})".encode(),
         canonical=False,
         refusals=(GarbledReply,),

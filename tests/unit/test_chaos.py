@@ -9,7 +9,7 @@ from strikes import Strike
 from under_way import Moment
 
 from applications.keys.moments import words
-from wire.application_lines import moment
+from wire.results.time_series import moment
 
 KEYS = {"peer": "bob", "opened": True, "qber": None, "mine": 0, "theirs": 0, "withheld": True}
 KILLED_BOB = Strike("bob", "SIGKILL", ("bob",))

@@ -279,7 +279,7 @@ NOT_WAITS = {
     "evidence/curves/polarization.py": {"FAST_S"},
     "qmn/verbs/runs.py": {"FRESH_S", "UNITS_S"},
     "topologies/links/copper_link.py": {"LEAST_DELAY_S"},
-    "wire/announcement.py": {"PERIOD_S", "LONGEST_PERIOD_S"},
+    "wire/lldp.py": {"PERIOD_S", "LONGEST_PERIOD_S"},
     "wire/device.py": {"PERIODS_S"},
     "wire/key_routes.py": {"ROUTE_S"},
 }

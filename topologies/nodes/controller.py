@@ -21,9 +21,9 @@ from topologies.system.runs import runtime
 from topologies.system.runs.launching import EarlyStart, launch
 from topologies.system.runs.runtime import CONSOLE
 from topologies.timeouts import READY_TIMEOUT_S
-from wire.announcement import period_s
 from wire.config import ControllerConfig, Station
 from wire.controller_lines import RECORD
+from wire.lldp import period_s
 from wire.network_time import SteppedTime
 from wire.parameters.network import ControllerSettings, part
 

@@ -13,7 +13,6 @@ from topologies.nodes.tls import credentials
 from topologies.system.confinement.confinement import READ, WRITTEN
 from topologies.system.runs import runtime
 from topologies.system.runs.launching import launch
-from wire.announcement import period_s
 from wire.config import (
     CONTROLLER,
     LIGHT,
@@ -23,6 +22,7 @@ from wire.config import (
     QuantumSwitch,
 )
 from wire.features import EMIT
+from wire.lldp import period_s
 from wire.network_time import SteppedTime
 from wire.parameters.checks import check_choice
 from wire.parameters.physics import (

@@ -22,15 +22,7 @@ from views.dissection.layout import (
     placed,
     settings_fields,
 )
-from wire import (
-    device,
-    dispatcher_pb2,
-    events,
-    key_routes,
-    optical,
-    qkd,
-    session_estimates,
-)
+from wire import device, dispatcher_pb2, events, key_routes, monitor_messages, optical, qkd
 from wire.config import DISPATCHER_PORT
 from wire.dispatcher_pb2 import Event
 from wire.metadata import header
@@ -123,7 +115,7 @@ def _device() -> dict[str, Any]:
             "hops": {"least": 2, "most": key_routes.MAX_HOPS},
         },
         "max_repeaters": device.MAX_REPEATERS,
-        "most_estimate": session_estimates.MOST,
+        "most_estimate": monitor_messages.MOST,
         "max_level_rounds": device.MAX_LEVEL_ROUNDS,
         "max_under_way": device.MAX_UNDER_WAY,
         "trailer": device.TRAILER.size,

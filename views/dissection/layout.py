@@ -21,9 +21,9 @@ from wire.metadata.header import Message
 from wire.metadata.setup import Answer
 from wire.metadata.values import Envelope, Topic, Values
 from wire.metadata.vocabulary import Handshake, Reason, Service, Verdict
+from wire.monitor_messages import Quantity
 from wire.outcomes import Pauli
 from wire.qkd import QkdMessage
-from wire.session_estimates import Quantity
 
 Enums = Mapping[str, type[IntEnum]]
 ENUMS: Enums = MappingProxyType(

@@ -8,7 +8,7 @@ from views.report.packets import messages
 from views.report.sequence import handshake, lanes
 from wire.metadata.setup import Setup
 from wire.parameters.network import OPENFLOW_PORT
-from wire.results.network_facts import NetworkFacts
+from wire.results.run_result import NetworkFacts
 
 
 def newest_setup_ns(folder: Path, network: NetworkFacts) -> int:

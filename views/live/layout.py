@@ -6,7 +6,7 @@ from typing import Any
 from hosts.middleware.session.errors import REMEDIES
 from views.report.light_paths import fiber_name
 from views.report.places import Place, columns, of_nodes, on_paper
-from wire.results.network_facts import NetworkFacts
+from wire.results.run_result import NetworkFacts
 
 WIDTH = 1000.0  # of the drawing, in its own units
 ROW = 90.0

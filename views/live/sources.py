@@ -17,11 +17,11 @@ from topologies.system.runs.runtime import EVENT_CAPTURE
 from views.live.acts import ACTS
 from views.live.timeline import Timeline
 from views.report.run_facts import SENDER_LOG
-from wire.application_lines import fields_of
 from wire.config import DispatcherConfig
 from wire.controller_lines import RECORD, read_record
 from wire.dispatcher_pb2 import WatchRequest
 from wire.events import to_fields
+from wire.results.time_series import fields_of
 
 EVENT, CONTROLLER, ACT, DEVICES, JOB, FAULT = (
     "event",

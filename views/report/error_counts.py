@@ -7,7 +7,7 @@ from pathlib import Path
 from views.report.packets import messages
 from wire.metadata.blocks import Block, Emit, Report
 from wire.results.figures import SentFigures
-from wire.results.network_facts import NetworkFacts
+from wire.results.run_result import NetworkFacts
 
 MAX_CAPTURE_BYTES = 50_000_000  # 0.4 s to read
 NAMES = {

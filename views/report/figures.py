@@ -19,8 +19,8 @@ from views.report.sequence import handshake, lanes
 from views.report.waits_diagram import MOST_HOSTS, waits_diagram
 from wire.metadata.vocabulary import SYMBOLS
 from wire.results.figures import SentFigures
-from wire.results.moments import KeyMoment
 from wire.results.run_result import KeysJob, LoadJob
+from wire.results.time_series import KeyMoment
 
 MOST_NAMED = 12  # light paths, also in the figure of their losses
 MOST_WAITS = 10  # in a table

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from views.report import drawing
 from views.report.drawing import BAD, INK, METADATA, MUTED, QUANTUM
-from wire.results.moments import FileMoment, KeyMoment, Moment, SessionMoment
+from wire.results.time_series import FileMoment, KeyMoment, Moment, SessionMoment
 
 TUNNEL = "tunnel"  # how events of it begin
 WIDE_INCHES = (9.0, 1.6)  # of each row

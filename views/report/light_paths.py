@@ -9,7 +9,7 @@ from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import Event
 from wire.malformed import MalformedPacket
 from wire.parameters.fiber import Fiber, FiberEnd
-from wire.results.network_facts import NetworkFacts
+from wire.results.run_result import NetworkFacts
 
 _OUTCOME = re.compile(r"(?:Phi|Psi)[+-]=(\d+)")
 

@@ -8,7 +8,7 @@ from views.report.light_paths import LightPath
 from views.report.network_diagram import bundle, described, lit, node, used
 from views.report.places import MARGIN_INCHES, WIDTH_INCHES, Place, of_nodes, on_paper
 from wire.parameters.fiber import Fiber
-from wire.results.network_facts import NetworkFacts
+from wire.results.run_result import NetworkFacts
 
 LINE_LETTERS = 20  # of a box
 

@@ -13,7 +13,7 @@ from views.report.labels import BUNDLE_INCHES, Labels
 from views.report.light_paths import LightPath, fiber_name
 from views.report.places import LEAST_HEIGHT_INCHES, NODE_INCHES, WIDTH_INCHES, Place, columns
 from wire.parameters.fiber import Fiber
-from wire.results.network_facts import NetworkFacts
+from wire.results.run_result import NetworkFacts
 
 NODE_ROW_INCHES = 0.72
 BESIDE_INCHES, STROKE_INCHES = 0.22, 0.045  # between fibres; between paths in one

@@ -16,7 +16,7 @@ from wire.malformed import MalformedPacket
 from wire.metadata.decoding import decode, message_length
 from wire.metadata.header import MAGIC, METADATA_PORT, VERSION, Message
 from wire.metadata.setup import SETUP_LENGTH, Setup
-from wire.results.network_facts import NetworkFacts
+from wire.results.run_result import NetworkFacts
 
 _OPENFLOW = struct.Struct("!BBHI")  # version, type, length, transaction
 OPENFLOW_1_4 = 5

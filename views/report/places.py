@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from itertools import combinations
 from math import cos, radians
 
-from wire.results.network_facts import NetworkFacts
+from wire.results.run_result import NetworkFacts
 
 WIDTH_INCHES, NODE_INCHES = 8.6, (0.95, 0.36)  # of a drawing; of a node's box
 MARGIN_INCHES, LEAST_HEIGHT_INCHES, MOST_HEIGHT_INCHES = 0.6, 3.6, 9.0  # of a map

@@ -15,14 +15,13 @@ from qmn.running.event_sources import recorded
 from qmn.running.network import left_of_killed
 from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire import typed_json
-from wire.application_lines import fields_of, figures
 from wire.controller_lines import read_record
 from wire.dispatcher_pb2 import Event
 from wire.malformed import MalformedPacket
 from wire.metadata.vocabulary import SYMBOLS
 from wire.results.figures import ReceiverFigures, SentFigures
-from wire.results.network_facts import NetworkFacts
-from wire.results.run_result import RESULT, ServiceJob
+from wire.results.run_result import RESULT, NetworkFacts, ServiceJob
+from wire.results.time_series import fields_of, figures
 
 SENDER_LOG = "asking.log"
 MOST_COUNT = 1 << 53  # of symbols: what is divided exactly

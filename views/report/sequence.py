@@ -18,7 +18,7 @@ from wire.metadata.header import Message
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.values import Envelope, Topic, Values
 from wire.metadata.vocabulary import FEC_NAMES, Reason, Service, Verdict
-from wire.results.network_facts import NetworkFacts
+from wire.results.run_result import NetworkFacts
 
 METADATA, OPENFLOW, QUANTUM = "metadata", "openflow", "quantum"
 CONTROLLER = "c0"

@@ -28,7 +28,7 @@ from views.report.run_facts import BadRun, read_result
 from wire import typed_json
 from wire.malformed import MalformedPacket
 from wire.parameters.option import option
-from wire.results.network_facts import NetworkFacts
+from wire.results.run_result import NetworkFacts
 
 
 @dataclass(frozen=True)

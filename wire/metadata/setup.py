@@ -114,7 +114,7 @@ class Answer(Message):
 
     A receiver that accepts a set-up says how many Bell states its analyser tells apart, and
     by which operators the sender shall send that many symbols: with 3, those that stay
-    distinguishable behind the known rotation of the light path. Whoever accepts a set-up says at
+    distinguishable behind the known rotation of the light path. The acceptor of a set-up reports at
     which wavelength its light was granted.
     """
 
@@ -142,8 +142,8 @@ class Answer(Message):
             if symbols not in SYMBOLS:
                 raise MalformedPacket(f"Answer: {symbols} symbols")
         try:
-            told = text.decode(), symbols, encoding, wavelength_pm
-            return cls(session, member(Reason, reason), *told)
+            details = text.decode(), symbols, encoding, wavelength_pm
+            return cls(session, member(Reason, reason), *details)
         except UnicodeDecodeError as error:
             raise MalformedPacket(f"Answer: text is not UTF-8: {error}") from error
 

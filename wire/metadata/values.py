@@ -11,7 +11,7 @@ WIDTHS = (1, 2, 8, 32)  # bits of a value
 
 
 class Topic(IntEnum):
-    """What an array of values is about; a service may use numbers that are not listed here."""
+    """The topic of an array of values; a service may use numbers that are not listed here."""
 
     COMING = 1  # how many photons the block has that comes next; answered when it may come
     STATES = 2  # that were prepared: wire.dispatcher.proto, CreateRequest.states
@@ -20,7 +20,7 @@ class Topic(IntEnum):
     CORRECTIONS = 5  # Pauli operators that the receiver of the message applies
     ARRIVED = 6  # 1 for what was detected, or kept, 0 for what was not
     SAMPLE = 7  # 1 for what is sacrificed for an estimate
-    COUNTS = 8  # what came of a block, as its service defines
+    COUNTS = 8  # the outcome of a block, as its service defines
     KEYS = 9  # messages of wire.qkd, cut into envelopes anywhere
     OPENER = 10  # name of the host that has opened the session, UTF-8
     OVER = 11  # the light of the block is over; no values
@@ -35,7 +35,7 @@ class Topic(IntEnum):
     ANGLES = 17
     PROBES = 18
     # Of a conference key: its terms (wire.conference); parities of the leader's bits, and a hash of
-    # them behind its key; the seed of privacy amplification; what proves all that was said, 16
+    # them behind its key; the seed of privacy amplification; the proof of all messages, 16
     # bytes for each host behind.
     PROPOSAL = 22
     RECEIPT = 24  # likewise 16 bytes, which prove that a block is in the memory of each
@@ -50,7 +50,7 @@ class Topic(IntEnum):
     # Of a station, or passed on by the opener: the Bell state of each heralded pair, as 0 Phi+,
     # 1 Psi+, 2 Phi-, 3 Psi-.
     HERALDED = 34
-    DELIVER = 33  # so many pairs, which have numbers from then on; answered
+    DELIVER = 33  # a number of pairs, which are numbered from then on; answered
     # A repeater has swapped: its place, and for how many us both halves of a pair have waited;
     # to the left also the place that waits for this notice, to the right ARRIVED and CORRECTIONS.
     SWAPPED = 36

@@ -10,7 +10,7 @@ class UnknownService(MalformedPacket):
 
 
 class Service(IntEnum):
-    """What the light is wanted for; wire.services says which paths each needs."""
+    """The purpose of the light; wire.services has the paths that each needs."""
 
     SDC = 1  # superdense coding
     PAIR_SOURCE = 2  # of an open session: its pairs
@@ -40,11 +40,11 @@ def service_of(number: int) -> Service:
 
 
 class MemoryState(IntEnum):
-    """What the memories of both ends do, as a set-up wants it."""
+    """The memories' part at both ends, as a set-up requests it."""
 
     ANY = 0  # keep what comes
     HERALDED = 1  # their qubits emit, and the source is a station that heralds pairs of them
-    # Said to the source alone: it makes no pairs, but measures the light that both ends send.
+    # To the source alone: it makes no pairs, but measures the light that both ends send.
     RELAYED = 2
 
 
@@ -72,7 +72,7 @@ PAPER_ENCODING = 0b11_10_01_00  # symbol s is sent as Pauli (encoding >> 2s) & 3
 
 
 class Verdict(IntEnum):
-    """What the controller has written into a set-up message."""
+    """The controller's verdict in a set-up message."""
 
     PENDING = 0
     GRANTED = 1

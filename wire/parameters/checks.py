@@ -15,24 +15,24 @@ MOST_EDITS = 2
 Refusal = Callable[[str], Exception]  # makes the error of a text
 
 
-def remedy(name: str, known: Collection[str], listed: Collection[str] = ()) -> str:
+def remedy(name: str, names: Collection[str], listed: Collection[str] = ()) -> str:
     """Return a suggestion for an unknown name: the nearest one, or else any listed."""
-    if near := nearest(name, known):
+    if near := nearest(name, names):
         return f"{NEAR} {near}?"
-    choices = listed or known
+    choices = listed or names
     return f"choose one of {', '.join(choices)}" if choices else "there are none"
 
 
-def nearest(name: str, known: Collection[str]) -> str:
+def nearest(name: str, names: Collection[str]) -> str:
     """Return the known name that is meant, "" for none: a slip, never another word.
 
     A slip leaves the first letter, and changes two at most or leaves off what follows:
     requesters is none of repeaters.
     """
-    alike = [each for each in known if each.lower() == name.lower()]
+    alike = [each for each in names if each.lower() == name.lower()]
     near = [
         each
-        for each in get_close_matches(name, known)
+        for each in get_close_matches(name, names)
         if each[0] == name[0]
         and (each.startswith(name) or name.startswith(each) or _edits(name, each) <= MOST_EDITS)
     ]
@@ -94,8 +94,8 @@ def number(
     try:
         return kind(text)
     except ValueError as error:
-        words = "a whole number" if kind is int else f"a number{share(text)}"
-        raise refusal(f"{where}: {text!r} is not {words}") from error
+        text_ = "a whole number" if kind is int else f"a number{share(text)}"
+        raise refusal(f"{where}: {text!r} is not {text_}") from error
 
 
 def share(text: str) -> str:

@@ -15,7 +15,7 @@ MOST_CHANNELS = 64
 HIGHEST_CHANNEL_MHZ = 196_100_000  # of the C band
 MHZ_PER_GHZ = 1_000
 
-# What kinds of fibre bring along at 1550 nm. The standard fibre loses least and turns the
+# Values of kinds of fibre at 1550 nm. The standard fibre loses least and turns the
 # polarisation as it likes; the polarisation-maintaining (PM) one keeps it, and loses more.
 # smf: catalogues of ITU-T G.652.D fibre have .2 dB/km. Nothing holds the polarisation: the angle
 #   has walked half a turn after 1 km; it changes within minutes. 17 ps/(nm km) at 1550 nm.
@@ -125,7 +125,7 @@ class FiberOptics:
         return self.length_km * 1e3 / SPEED_IN_FIBER_M_PER_S
 
     def check(self, where: str) -> None:
-        """Raise BadParameter for what no fibre is like."""
+        """Raise BadParameter if a value is out of range."""
         check(where, self)
         if self.pauli_x + self.pauli_y + self.pauli_z > 1 + SUM_TOLERANCE:
             values = f"pauli_x {self.pauli_x!r}, pauli_y {self.pauli_y!r}, pauli_z {self.pauli_z!r}"

@@ -20,7 +20,7 @@ FOR_EACH = "for each message, as 5ms or exponential(1ms)"
 
 @dataclass(frozen=True, kw_only=True)
 class EventSettings:
-    """What a user can set of what is kept of events and packets."""
+    """A user's options on records of events and packets."""
 
     GROUP: ClassVar[str] = WRITTEN
     history_depth: int = option(
@@ -51,7 +51,7 @@ class EventSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class DispatcherSettings(EventSettings):
-    """What a user can set of the dispatcher."""
+    """A user's options of the dispatcher."""
 
     GROUP: ClassVar[str] = SIMULATION
     backend: str = option(
@@ -66,7 +66,7 @@ class DispatcherSettings(EventSettings):
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerSettings:
-    """What a user can set of the controller."""
+    """A user's options of the controller."""
 
     GROUP: ClassVar[str] = CONTROL
     loss_budget_db: float = option(
@@ -94,7 +94,7 @@ class ControllerSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class CopperSettings:
-    """What a user can set of copper, and of the way between controller and switches."""
+    """A user's options of copper, and of the path between controller and switches."""
 
     GROUP: ClassVar[str] = CONTROL
     controller: str = option(
@@ -143,7 +143,7 @@ class CopperSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ServedSettings:
-    """What a user can set of what a network serves, and of what it keeps of keys."""
+    """A user's options on servers of a network, and on records of keys."""
 
     GROUP: ClassVar[str] = WRITTEN
     # Path of a folder for keys that hosts distribute; empty: they go with the network.
@@ -161,7 +161,7 @@ class ServedSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkSettings(ControllerSettings, CopperSettings, DispatcherSettings, ServedSettings):
-    """What a user can set of a network whose nodes and fibres are described already."""
+    """A user's options of a network whose nodes and fibres are described already."""
 
     GROUP: ClassVar[str] = SIMULATION
     seed: int = option(1, "of all quantum randomness (1)", range=(0, inf), recorded=False)

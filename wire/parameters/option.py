@@ -46,7 +46,7 @@ def option(default: Any, help: str, **words: Unpack[Words]) -> Any:  # noqa: A00
     """Return a field that is an option.
 
     Its kind is that of the annotation: a number, text, a path, a bool, or a tuple of texts, for
-    which it is said several times.
+    which it is given several times.
     """
     return field(default=default, metadata={"help": help, **words})
 

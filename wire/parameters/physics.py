@@ -36,7 +36,7 @@ class BadParameter(ValueError):
 
 
 def parameter(default: Any, least: float, most: float, meaning: str = "") -> Any:
-    """Return a dataclass field with the range of its values, and what they mean if that is said.
+    """Return a dataclass field with the range of its values, and their meaning if it is given.
 
     NaN is in no range.
     """
@@ -73,7 +73,7 @@ def _check_noise(where: str, parameters: Any) -> None:
 
 @dataclass(frozen=True)
 class PairSource:
-    """A source of Bell pairs: one pair a pulse and Phi+, if nothing else is said."""
+    """A source of Bell pairs: one pair a pulse and Phi+ by default."""
 
     # Of the pairs in a pulse; none: the host has no source.
     statistics: str = choice("single", "poisson", "thermal", "none")
@@ -101,7 +101,7 @@ class PairSource:
     noise_parameters: dict[str, Any] = field(default_factory=dict)
 
     def check(self, where: str) -> None:
-        """Raise BadParameter for what no source is like."""
+        """Raise BadParameter if a value is out of range."""
         check(where, self)
         self._check_decoys(where)
         if self.heralding_efficiency and self.statistics not in ("poisson", "thermal"):
@@ -113,28 +113,29 @@ class PairSource:
             raise BadParameter(
                 f"{where}: g2 {self.g2!r} with statistics {self.statistics!r}, which has its own"
             )
-        given = self.bell_diagonal
-        if given is None:
+        fractions = self.bell_diagonal
+        if fractions is None:
             return
-        numbers = isinstance(given, tuple) and all(_is_probability(value) for value in given)
-        if not numbers or len(given) != len(BELL_STATES) or abs(sum(given) - 1) > SUM_TOLERANCE:
+        of_four = isinstance(fractions, tuple) and len(fractions) == len(BELL_STATES)
+        valid = of_four and all(map(_is_probability, fractions))
+        if not valid or abs(sum(fractions) - 1) > SUM_TOLERANCE:
             raise BadParameter(
-                f"{where}: bell_diagonal {given!r} is not 4 probabilities that add up to 1"
+                f"{where}: bell_diagonal {fractions!r} is not 4 probabilities that add up to 1"
             )
         if self.fidelity != 1.0:
             raise BadParameter(
-                f"{where}: fidelity {self.fidelity!r} and bell_diagonal {given!r} are both given; "
-                "name one of them"
+                f"{where}: fidelity {self.fidelity!r} and bell_diagonal {fractions!r} are both "
+                "given; name one of them"
             )
 
     def _check_decoys(self, where: str) -> None:
-        given = self.decoys
-        if given is None:
+        decoys = self.decoys
+        if decoys is None:
             return
-        numbers = isinstance(given, tuple) and all(isinstance(m, (int, float)) for m in given)
-        if not numbers or len(given) != 2 or not self._can_tell(*given):
+        numbers = isinstance(decoys, tuple) and all(isinstance(m, (int, float)) for m in decoys)
+        if not numbers or len(decoys) != 2 or not self._can_tell(*decoys):
             raise BadParameter(
-                f"{where}: decoys {given!r} are not a weak mean and a still weaker one, together "
+                f"{where}: decoys {decoys!r} are not a weak mean and a still weaker one, together "
                 f"below mean_pairs {self.mean_pairs!r}"
             )
         if self.statistics != "poisson":
@@ -197,7 +198,7 @@ class Memory:
     # An emissive one keeps qubits that emit, or halves of its host's own pairs, but no light that
     # comes from elsewhere.
     kind: str = choice("absorptive", "emissive")
-    # What has been kept for longer is dropped; who stores may say otherwise.
+    # Older qubits are dropped; a request to store may give another time.
     cutoff_s: float = parameter(float("inf"), 1e-9, float("inf"))
     capacity: int = parameter(4_000_000, 0, 4_000_000)  # qubits
 
@@ -226,7 +227,7 @@ class Memory:
         return min(self.t1_s, self.t2_s, self.depolarizing_s, self.retrieval_s)
 
     def check(self, where: str) -> None:
-        """Raise BadParameter for what no memory is like."""
+        """Raise BadParameter if a value is out of range."""
         check(where, self)
         if self.t2_s > 2 * self.t1_s:
             raise BadParameter(
@@ -241,7 +242,7 @@ class Memory:
 
 @dataclass(frozen=True)
 class Gates:
-    """What a host does to qubits that it holds, besides measuring them, and how well.
+    """A host's gates on the qubits that it holds, and how good they are.
 
     Depolarising of p leaves X, Y and Z with p/4 each, as in fibres; of two qubits each of the 15
     products of Pauli operators with p/16. The mean gate fidelity is 1 - p/2, and 1 - 3p/4.
@@ -257,7 +258,7 @@ class Gates:
     initialization_s: float = parameter(0.0, 0.0, 10.0)  # of a qubit that is made in |0>
     readout_s: float = parameter(0.0, 0.0, 10.0)  # of qubits that are kept here, not of light
     initialization_error: float = parameter(0.0, 0.0, 0.5)  # it is in |1>
-    readout_error: float = parameter(0.0, 0.0, 0.5)  # what is told is not what was found
+    readout_error: float = parameter(0.0, 0.0, 0.5)  # the reported outcome is wrong
 
     # "path/to/file.py:ClassName" of a noise model of one's own, and keywords for it.
     noise: str = ""
@@ -268,7 +269,7 @@ class Gates:
         return any((self.one_qubit_s, self.two_qubit_s, self.initialization_s, self.readout_s))
 
     def check(self, where: str) -> None:
-        """Raise BadParameter for what no gates are like."""
+        """Raise BadParameter if a value is out of range."""
         check(where, self)
 
 
@@ -285,14 +286,14 @@ class Detectors:
     jitter_ps: float = parameter(0.0, 0.0, 1e9)  # rms
     encoding: str = choice(*ENCODINGS)  # of the qubits that they tell, also for a Bell analyser
     efficiency_mismatch: float = parameter(0.0, 0.0, 1.0)  # that of 1 has so much less of it
-    readout_error: float = parameter(0.0, 0.0, 0.5)  # of light: the bit told is the other one
+    readout_error: float = parameter(0.0, 0.0, 0.5)  # of light: the reported bit is the other one
 
     # "path/to/file.py:ClassName" of a noise model of one's own, and keywords for it.
     noise: str = ""
     noise_parameters: dict[str, Any] = field(default_factory=dict)
 
     def check(self, where: str) -> None:
-        """Raise BadParameter for what no detector is like."""
+        """Raise BadParameter if a value is out of range."""
         check(where, self)
 
 
@@ -316,7 +317,7 @@ class BellAnalyser:
     delay_line_db_per_km: float = parameter(0.2, 0.0, 1_000.0)
 
     def check(self, where: str) -> None:
-        """Raise BadParameter for what no analyser is like."""
+        """Raise BadParameter if a value is out of range."""
         check(where, self)
 
 
@@ -338,18 +339,18 @@ class Emitter:
     modes: int = parameter(1, 1, 1_000_000)  # qubits that attempt at the same time
 
     def check(self, where: str) -> None:
-        """Raise BadParameter for what no emitter is like."""
+        """Raise BadParameter if a value is out of range."""
         check(where, self)
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """What a host's qubits can be exposed to: a phase that each takes, which nobody is told."""
+    """A quantity that a host's qubits can be exposed to: each takes a phase, unknown to all."""
 
     phase_rad: float = parameter(0.0, -1e3, 1e3)  # of |1> beside |0>, each time
 
     def check(self, where: str) -> None:
-        """Raise BadParameter for what no sensor is like."""
+        """Raise BadParameter if a value is out of range."""
         check(where, self)
 
 
@@ -399,14 +400,16 @@ class Device:
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
         """Return what of it is not ideal, part by part."""
-        found = {}
+        parts = {}
         for part in fields(self):
-            told, ideal = vars(getattr(self, part.name)), vars(part.default)
-            found[part.name] = {name: told[name] for name in told if told[name] != ideal[name]}
-        return {name: told for name, told in found.items() if told}
+            values, ideal = vars(getattr(self, part.name)), vars(part.default)
+            parts[part.name] = {
+                name: values[name] for name in values if values[name] != ideal[name]
+            }
+        return {name: values for name, values in parts.items() if values}
 
     def check(self, where: str) -> None:
-        """Raise BadParameter for what no device is like."""
+        """Raise BadParameter if a value is out of range."""
         for part in fields(self):
             value: Any = getattr(self, part.name)
             kind: type[Any] = type(part.default)

@@ -1,8 +1,8 @@
-"""The figures of services: what the application at an end is told, and result.json keeps.
+"""The figures of services, as the application at an end receives them and result.json keeps them.
 
 Each service has classes of its own, those of the opener first. A figure without a default is always
-told; of the others, those that a session does not come to are not there, and read as the default.
-None: it is not known. `vars` gives what is told, in its order.
+present; the others are absent if a session has none, and then read as the default.
+None: it is not known. `vars` gives the present ones, in their order.
 """
 
 from dataclasses import dataclass, fields
@@ -16,11 +16,11 @@ class Figures:
     def __init_subclass__(cls) -> None:
         dataclass(init=False, repr=False, eq=False)(cls)
 
-    def __init__(self, **told: Any) -> None:
-        """Hold what is told; raise TypeError for a name that it does not have."""
-        if unknown := told.keys() - {each.name for each in fields(cast("Any", self))}:
+    def __init__(self, **values: Any) -> None:
+        """Hold the given values; raise TypeError for an unknown name."""
+        if unknown := values.keys() - {each.name for each in fields(cast("Any", self))}:
             raise TypeError(f"{type(self).__name__} has no {', '.join(sorted(unknown))}")
-        vars(self).update(told)
+        vars(self).update(values)
 
 
 dataclass(init=False, repr=False, eq=False)(Figures)
@@ -81,7 +81,7 @@ class KeyFigures(KeyProgress):
 
 
 class MemoryFigures(Figures):
-    """What pairs come to that wait, or are told of, in some sessions alone."""
+    """Figures of waiting or announced pairs, in some sessions alone."""
 
     attempts: int = 0  # of heralds
     dropped: int = 0  # pairs, too old
@@ -114,7 +114,7 @@ class PairFigures(MemoryFigures):
 class LineFigures(Figures):
     """Of the leader of a line of hosts, whatever its states are for."""
 
-    states: int  # that have told something
+    states: int  # with outcomes
     hosts: int
     made: int
     emitted: int  # pairs of its own
@@ -139,7 +139,7 @@ class GhzFigures(LineFigures):
 
 
 class GraphFigures(LineFigures):
-    """Of graph states, at their leader; either the fidelity is told, or a bound of it."""
+    """Of graph states, at their leader; either the fidelity, or a bound of it."""
 
     fidelity: float | None = None
     fidelity_at_least: float | None = None
@@ -220,7 +220,7 @@ class SealedFigures(Figures):
 
 
 class EveFigures(Figures):
-    """What an eavesdropper has done to light, and seen of it."""
+    """An eavesdropper's actions on light, and outcomes."""
 
     attack: str
     fraction: float  # of the photons
@@ -306,7 +306,7 @@ class TunnelFigures(StoredKeyFigures):
 
 
 class LoadFigures(Figures):
-    """Of heavy traffic: the numbers that a person is told first."""
+    """Of heavy traffic: the numbers that a person sees first."""
 
     sessions: int
     accepted: int
@@ -324,7 +324,7 @@ class LoadFigures(Figures):
     controller_ms_a_session: float
 
 
-# Of the services of `qmn run`, whose figures are kept as they are told.
+# Of the services of `qmn run`, whose figures are kept as they come.
 ServiceFigures = (
     Figures
     | TeleportFigures

@@ -1,10 +1,13 @@
 """The parts of the result of a network or a run, as result.json keeps it (qmn.results.run_result).
 
-Times and rates are those of the network if nothing else is said.
+Times and rates are those of the network by default.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from typing import Any, ClassVar
 
+from wire.config import QuantumSwitch
+from wire.parameters.fiber import Fiber
 from wire.results.figures import (
     EveFigures,
     Figures,
@@ -13,7 +16,38 @@ from wire.results.figures import (
     StoredKeyFigures,
     TunnelFigures,
 )
-from wire.results.moments import AnyMoment
+from wire.results.time_series import AnyMoment
+
+
+@dataclass(frozen=True)
+class NetworkFacts:
+    """A network as it was built."""
+
+    # Results that do not say it are of networks that could call theirs by one name alone.
+    EARLIER: ClassVar = {"copper_switches": ["s1"]}
+
+    addresses: dict[str, str]  # of the hosts
+    source: str  # the host that makes pairs
+    fibers: list[Fiber]
+    switches: list[QuantumSwitch]
+    copper: list[list[str]]  # of each link: node and interface at one end, and at the other
+    # Where nodes are on a map, from left to right and upwards; empty: on none.
+    positions: dict[str, tuple[float, float]] = field(default_factory=dict)
+    datapath_ids: dict[str, int] = field(default_factory=dict)  # of switches
+    copper_switches: list[str] = field(default_factory=list)  # those of copper alone
+
+    def to_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+    def host_at(self, interface: str) -> str:
+        """Return the host that a switch's copper interface leads to, "" if there is none."""
+        for node1, name1, node2, name2 in self.copper:
+            if interface == name1:
+                return node2
+            if interface == name2:
+                return node1
+        return ""
+
 
 RESULT = "result.json"  # file of a run's folder, written when it has ended
 BEGUN = "begun.json"  # there until then, from the start of the network on
@@ -92,7 +126,7 @@ class EarlyNews:
 
 @dataclass(frozen=True, kw_only=True)
 class Head:
-    """What a result of any version says of its run, and what became of it."""
+    """The run of a result of any version, and its outcome."""
 
     service: str | None = None  # None: of a network on which more than one thing was done
     topology: str | None = None
@@ -121,7 +155,7 @@ class Message:
 
 @dataclass(kw_only=True)
 class ServiceJob:
-    """A service of two hosts or more: what both ends have said at the end."""
+    """A service of two hosts or more: the reports of both ends at the end."""
 
     asking: ServiceFigures = field(default_factory=Figures)  # of the host that asks
     asked: ServiceFigures = field(default_factory=Figures)  # of the one that is asked
@@ -199,7 +233,7 @@ class LoadWait:
     after_acceptor: str
 
 
-# What became of a session of heavy traffic.
+# Outcomes of a session of heavy traffic.
 ACCEPTED, BLOCKED, LATE, BROKEN = "accepted", "blocked", "late", "broken"
 
 
@@ -234,7 +268,7 @@ class Load:
 
 @dataclass(kw_only=True)
 class LoadJob:
-    """Heavy traffic: the numbers that a person is told first, and all of it."""
+    """Heavy traffic: the numbers that a person sees first, and all of it."""
 
     asking: Figures | LoadFigures = field(default_factory=Figures)
     load: Load | None = None  # None: the network did not start

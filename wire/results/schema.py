@@ -19,8 +19,8 @@ NOTHING: Mapping[str, Schema] = {}
 MOST_DEPTH = 32  # of lists and objects in a file
 
 
-def schema_of(kind: Any, told: Schema, known: Mapping[str, Schema] = NOTHING) -> Schema:
-    """Return the JSON Schema of a type; dataclasses are added to those that have been told.
+def schema_of(kind: Any, definitions: Schema, known: Mapping[str, Schema] = NOTHING) -> Schema:
+    """Return the JSON Schema of a type; dataclasses are added to the definitions.
 
     `known` are schemas of fields of it that do not follow from their types.
     """
@@ -29,25 +29,26 @@ def schema_of(kind: Any, told: Schema, known: Mapping[str, Schema] = NOTHING) ->
     if kind in PLAIN:
         return {"type": PLAIN[kind]}
     if isinstance(kind, UnionType):
-        return {"anyOf": [schema_of(each, told) for each in get_args(kind)]}
+        return {"anyOf": [schema_of(each, definitions) for each in get_args(kind)]}
     if get_origin(kind) in (list, tuple):
-        return {"type": "array", "items": schema_of(get_args(kind)[0], told)}
+        return {"type": "array", "items": schema_of(get_args(kind)[0], definitions)}
     if get_origin(kind) is dict:
-        return {"type": "object", "additionalProperties": schema_of(get_args(kind)[1], told)}
-    if kind.__name__ not in told:
-        told[kind.__name__] = {}  # keeps its place
-        told[kind.__name__] = _schema_of_dataclass(kind, told, known)
+        return {"type": "object", "additionalProperties": schema_of(get_args(kind)[1], definitions)}
+    if kind.__name__ not in definitions:
+        definitions[kind.__name__] = {}  # keeps its place
+        definitions[kind.__name__] = _schema_of_dataclass(kind, definitions, known)
     return {"$ref": f"#/$defs/{kind.__name__}"}
 
 
-def _schema_of_dataclass(kind: Any, told: Schema, known: Mapping[str, Schema]) -> Schema:
+def _schema_of_dataclass(kind: Any, definitions: Schema, known: Mapping[str, Schema]) -> Schema:
     hints = get_type_hints(kind)
     names = [each.name for each in fields(kind)]
     return {
         "type": "object",
         "description": " ".join((kind.__doc__ or "").split()),
         "properties": {
-            name: known[name] if name in known else schema_of(hints[name], told) for name in names
+            name: known[name] if name in known else schema_of(hints[name], definitions)
+            for name in names
         },
         "required": sorted(each.name for each in fields(kind) if _is_there(kind, each)),
         "additionalProperties": False,
@@ -57,18 +58,18 @@ def _schema_of_dataclass(kind: Any, told: Schema, known: Mapping[str, Schema]) -
 def decoded(file: Path) -> dict[str, Any] | list[Any]:
     """Return the object or list of a file of JSON; raise OSError, or MalformedPacket for others."""
     try:
-        given = json.loads(file.read_text())
+        value = json.loads(file.read_text())
     except (ValueError, RecursionError) as error:
         raise MalformedPacket(f"{file} is not JSON: {error}") from error
-    if not isinstance(given, dict | list):
+    if not isinstance(value, dict | list):
         raise MalformedPacket(f"{file} is neither an object nor a list")
-    level: list[Any] = [given]
+    level: list[Any] = [value]
     for _depth in range(MOST_DEPTH):
         inner = (each.values() if isinstance(each, dict) else each for each in level)
         level = [each for values in inner for each in values if isinstance(each, dict | list)]
     if level:
         raise MalformedPacket(f"{file} is deeper than {MOST_DEPTH} lists or objects")
-    return given
+    return value
 
 
 def read_begun(folder: Path) -> tuple[str, dict[str, Any]]:
@@ -84,10 +85,10 @@ def read_head(folder: Path) -> Head:
     return head_of(decoded(folder / RESULT))
 
 
-def head_of(given: Any) -> Head:
+def head_of(value: Any) -> Head:
     """Return the head of a result as its file has it; raise MalformedPacket for anything else."""
     names = {item.name for item in fields(Head)}
-    content = read(dict[str, Any], given)
+    content = read(dict[str, Any], value)
     return read(Head, {name: value for name, value in content.items() if name in names})
 
 

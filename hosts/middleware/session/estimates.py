@@ -1,4 +1,4 @@
-"""Estimates that sessions make of their light, for the controller (wire.session_estimates).
+"""Estimates that sessions make of their light, for the controller (wire.monitor_messages).
 
 An estimate is reported again when it has left the last reported interval, or when the interval is
 half as wide: so reports become rare as a session lasts. The final estimate is reported in any
@@ -11,7 +11,7 @@ from statistics import NormalDist
 from typing import Any
 
 from hosts.middleware.qkd.estimation import Estimate
-from wire.session_estimates import Interval, Quantity, SessionEstimate
+from wire.monitor_messages import Interval, Quantity, SessionEstimate
 
 NORMAL_95 = NormalDist().inv_cdf(0.975)  # 95 % are within this number of standard errors
 MOST_UNTOLD = 1000  # estimates; the oldest go

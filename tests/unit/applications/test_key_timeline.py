@@ -5,8 +5,7 @@ from typing import Any
 
 from applications.vpn.job import closed_s, hindrance
 from views.report.key_timeline import key_timeline, spans
-from wire.application_lines import moment
-from wire.results.moments import AnyMoment, SessionMoment
+from wire.results.time_series import AnyMoment, SessionMoment, moment
 
 STORE = {"peer": "bob", "opened": True, "mine": 8, "theirs": 8, "withheld": False}
 SESSION = {"event": "session", **STORE, "keys": 4, "qber": 0.01}

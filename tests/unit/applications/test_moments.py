@@ -9,7 +9,7 @@ import pytest
 from applications.keys.moments import Moments
 from topologies.system.processes.programs import Program
 from wire.network_time import NetworkTime
-from wire.results.moments import AnyMoment
+from wire.results.time_series import AnyMoment
 
 
 def test_times_of_another_machine_are_by_this_ones_clock(tmp_path: Path) -> None:

@@ -54,7 +54,7 @@ def test_of_two_ways_the_one_of_less_insertion_loss_is_taken() -> None:
     found = path(network)
     assert hops(found) == BY_FOUR
     assert found == LightPath(BY_FOUR, 600, 0)
-    network.optics.told(4, rotating(0, 701))
+    network.optics.take(4, rotating(0, 701))
     assert hops(path(network)) == BY_TWO
 
 
@@ -100,10 +100,10 @@ def test_single_paths_of_a_switch_may_differ() -> None:
 
 def test_a_stuck_path_is_used_and_stands_in_the_way_of_others() -> None:
     network = ring()
-    network.optics.told(2, SwitchOptics.reported([PathOptics(21, 23, 0, 0, stuck=True)]))
+    network.optics.take(2, SwitchOptics.reported([PathOptics(21, 23, 0, 0, stuck=True)]))
     assert hops(path(network)) == BY_TWO
     for stuck in (PathOptics(21, 5, 0, 0, stuck=True), PathOptics(5, 23, 0, 0, stuck=True)):
-        network.optics.told(2, SwitchOptics.reported([stuck]))
+        network.optics.take(2, SwitchOptics.reported([stuck]))
         assert hops(path(network)) == BY_FOUR
 
 
@@ -229,7 +229,7 @@ def test_what_stands_in_the_way_is_found_out_anew_when_the_network_is_another() 
 
     assert reason() == Reason.BUSY
     for dpid in (2, 4):
-        network.optics.told(dpid, rotating(0, 200))
+        network.optics.take(dpid, rotating(0, 200))
     assert reason() == Reason.LOSS_TOO_HIGH
     network.optics.described(END, band(CHANNEL_MHZ + 50_000, CHANNEL_MHZ + 50_000))
     assert reason() == Reason.NO_WAVELENGTH

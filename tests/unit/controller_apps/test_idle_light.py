@@ -23,7 +23,7 @@ from controller_apps.timeouts import DISCOVERY_S, SEAL_BEGIN_S
 from wire.metadata.header import METADATA_PORT
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason, Service
-from wire.seal_orders import SealOrder
+from wire.monitor_messages import SealOrder
 
 WATCH = Watch(("alice", "bob"), every_s=10.0, pairs=2000, rate_hz=5000, false_alarm=1e-9)
 SEAL = replace(FRAMED, service=Service.SEAL, source=ALICE)

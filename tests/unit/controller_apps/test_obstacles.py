@@ -2,7 +2,7 @@
 
 from metadata_scene import rotating
 
-from controller_apps.light.obstacles import Obstacle, obstacles, told
+from controller_apps.light.obstacles import Obstacle, obstacles, text_of
 from controller_apps.light.optics import SwitchOptics, SwitchPort
 from controller_apps.light.paths import HostPort, Network
 from controller_apps.light.routing import Leg
@@ -91,13 +91,13 @@ def test_hosts_are_not_told_what_a_policy_closes() -> None:
     network.closed = frozenset({frozenset({"q1", "q2"})})
     found = obstacles(network, LEGS)
     assert [each.text for each in found] == ["the policy closes the fibres between q1 and q2"]
-    assert told(found, 96) == ""
+    assert text_of(found, 96) == ""
 
 
 def test_what_has_no_room_is_counted() -> None:
     found = [Obstacle("a" * 40), Obstacle("b" * 40), Obstacle("c" * 40)]
-    assert told(found, 124) == f"{'a' * 40}; {'b' * 40}; {'c' * 40}"
-    assert told(found, 123) == f"{'a' * 40}; {'b' * 40}; 1 more"
-    assert told(found, 96) == f"{'a' * 40}; {'b' * 40}; 1 more"[:96]
-    assert told(found, 49) == f"{'a' * 40}; 2 more"
-    assert told(found, 40) == ""
+    assert text_of(found, 124) == f"{'a' * 40}; {'b' * 40}; {'c' * 40}"
+    assert text_of(found, 123) == f"{'a' * 40}; {'b' * 40}; 1 more"
+    assert text_of(found, 96) == f"{'a' * 40}; {'b' * 40}; 1 more"[:96]
+    assert text_of(found, 49) == f"{'a' * 40}; 2 more"
+    assert text_of(found, 40) == ""

@@ -24,7 +24,7 @@ from controller_apps.timeouts import PREEMPTION_S
 from wire.metadata.decoding import decode
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason, Service
-from wire.seal_orders import GiveBack
+from wire.monitor_messages import GiveBack
 
 SEAL = replace(FRAMED, service=Service.SEAL, source=ALICE)
 KEYS = replace(FRAMED, service=Service.BB84, session=8)

@@ -35,7 +35,7 @@ def random_network(random: Random) -> tuple[Network, networkx.Graph]:
     network, graph = Network(set(range(1, SWITCHES + 1))), networkx.DiGraph()
     loss = {dpid: random.randrange(0, 3_000) for dpid in network.connected}
     for dpid in network.connected:
-        network.optics.told(dpid, SwitchOptics(PathOptics(ANY_PORT, ANY_PORT, loss[dpid], 0)))
+        network.optics.take(dpid, SwitchOptics(PathOptics(ANY_PORT, ANY_PORT, loss[dpid], 0)))
         for port in (1, 2):
             host = HostPort(f"h{dpid}", address(dpid), f"h{dpid}-q{port}")
             network.attach(SwitchPort(dpid, port), host)

@@ -18,7 +18,7 @@ from dispatcher.clock import Clock
 from dispatcher.refusal import Refusal
 from dispatcher.server.server import build_server, build_service
 from dispatcher.server.servicer import Service
-from qswitch_agent.hardware.dispatcher_link import DispatcherLink
+from qswitch_agent.hardware.simulated import DispatcherLink
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import (
     ApplyRequest,

@@ -11,12 +11,12 @@ import pytest
 import uvloop
 from dispatcher_network import DEADLINE_S, Bench, JumpingClock, configuration, running
 
-from wire import frames
+from wire import dispatcher_service
 from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import Connection, CrossConnectOutcome, CrossConnectRequest
 
 Code = grpc.StatusCode
-TOKEN = frames.encode(b"token of q1")
+TOKEN = dispatcher_service.encode(b"token of q1")
 
 
 def cross_connect(*connections: tuple[int, int], switch: str = "q1") -> CrossConnectRequest:
@@ -69,10 +69,10 @@ def test_refused_cross_connects_say_why_and_change_nothing(
         await bench.switch.connect((2, 4))
         events = bench.layer.history.count
         async with connection(bench) as (reader, writer):
-            writer.write(frames.encode(f"token of {node}".encode()))
+            writer.write(dispatcher_service.encode(f"token of {node}".encode()))
             for _again in range(2):  # it goes on
-                writer.write(frames.encode(request_.SerializeToString()))
-                outcome = CrossConnectOutcome.FromString(await frames.read(reader))
+                writer.write(dispatcher_service.encode(request_.SerializeToString()))
+                outcome = CrossConnectOutcome.FromString(await dispatcher_service.read(reader))
                 assert outcome.code == code.value[0]
                 assert text in outcome.text
         assert paths(bench) == {2: 4}
@@ -110,9 +110,9 @@ def test_the_agent_of_one_switch_cannot_act_on_another(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "said",
     [
-        frames.encode(b"\xff"),  # no token: it is not text
-        TOKEN + frames.encode(b"\xff"),  # no request
-        TOKEN + frames.LENGTH.pack(frames.MAX_LENGTH + 1),
+        dispatcher_service.encode(b"\xff"),  # no token: it is not text
+        TOKEN + dispatcher_service.encode(b"\xff"),  # no request
+        TOKEN + dispatcher_service.LENGTH.pack(dispatcher_service.MAX_LENGTH + 1),
     ],
 )
 def test_rubbish_ends_its_connection_and_no_other(tmp_path: Path, said: bytes) -> None:
@@ -126,7 +126,9 @@ def test_rubbish_ends_its_connection_and_no_other(tmp_path: Path, said: bytes) -
     play(tmp_path, scene)
 
 
-@pytest.mark.parametrize("said", [b"", TOKEN[:3], TOKEN, TOKEN + frames.LENGTH.pack(9) + b"\n"])
+@pytest.mark.parametrize(
+    "said", [b"", TOKEN[:3], TOKEN, TOKEN + dispatcher_service.LENGTH.pack(9) + b"\n"]
+)
 def test_a_connection_that_ends_early_changes_nothing(tmp_path: Path, said: bytes) -> None:
     async def scene(bench: Bench) -> None:
         async with connection(bench) as (reader, writer):
@@ -142,9 +144,11 @@ def test_requests_of_one_connection_are_answered_in_their_order(tmp_path: Path) 
     async def scene(bench: Bench) -> None:
         async with connection(bench) as (reader, writer):
             asked = [cross_connect((1, 3)), cross_connect((1, 9)), cross_connect((2, 4))]
-            requests = [frames.encode(one.SerializeToString()) for one in asked]
+            requests = [dispatcher_service.encode(one.SerializeToString()) for one in asked]
             writer.write(TOKEN + b"".join(requests))
-            outcomes = [CrossConnectOutcome.FromString(await frames.read(reader)) for _ in asked]
+            outcomes = [
+                CrossConnectOutcome.FromString(await dispatcher_service.read(reader)) for _ in asked
+            ]
         assert [outcome.code for outcome in outcomes] == [0, Code.NOT_FOUND.value[0], 0]
         assert outcomes[0].ready_ns < outcomes[2].ready_ns
         assert paths(bench) == {2: 4}

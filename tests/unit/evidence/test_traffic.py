@@ -26,8 +26,7 @@ from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import Event
 from wire.metadata.vocabulary import Service
 from wire.parameters.fiber import Fiber, FiberEnd
-from wire.results.network_facts import NetworkFacts
-from wire.results.run_result import ACCEPTED, BLOCKED, LoadWait, Shares
+from wire.results.run_result import ACCEPTED, BLOCKED, LoadWait, NetworkFacts, Shares
 from wire.services import LINES
 
 HOSTS = ["h1", "h2", "h3"]

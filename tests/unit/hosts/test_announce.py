@@ -3,7 +3,7 @@
 from itertools import accumulate, islice, pairwise
 
 from hosts.hardware.announce import pauses
-from wire.announcement import PERIOD_S, period_s
+from wire.lldp import PERIOD_S, period_s
 
 
 def test_a_network_that_takes_longer_to_start_waits_a_quarter_of_that_time_more_at_most() -> None:

@@ -38,8 +38,7 @@ from wire.device import (
 from wire.metadata.header import Message
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import Fec, Handshake, Reason, Service
-from wire.seal_orders import GiveBack, SealOrder
-from wire.session_estimates import Quantity, SessionEstimate
+from wire.monitor_messages import GiveBack, Quantity, SealOrder, SessionEstimate
 
 KEY = "00112233445566778899aabbccddeeff"
 SETUP = Setup(7, Service.SDC, Handshake.FRAMED, "10.0.0.3", 65_536, 256, 50_000_000)

@@ -18,7 +18,7 @@ from hosts.stack import Stack
 from wire.device import DeviceReport
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import Handshake, Reason, Service
-from wire.seal_orders import GiveBack, SealOrder
+from wire.monitor_messages import GiveBack, SealOrder
 
 SEAL = 0x7070
 THERE, BY_EVE = [(1, 2)], [(1, 6), (7, 2)]

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from hosts.middleware.session.estimates import MOST_UNTOLD, Estimates, estimates_of
-from wire.session_estimates import Interval, Quantity, SessionEstimate
+from wire.monitor_messages import Interval, Quantity, SessionEstimate
 
 Z = 1.959964  # of a normal distribution 95 % are within so many standard deviations
 

@@ -30,8 +30,7 @@ from wire.results.figures import (
     SentFigures,
     TeleportFigures,
 )
-from wire.results.network_facts import NetworkFacts
-from wire.results.run_result import Approximated, Message, ServiceJob
+from wire.results.run_result import Approximated, Message, NetworkFacts, ServiceJob
 
 START_NS = 1_700_000_000 * 10**9
 SESSION = 0xABC

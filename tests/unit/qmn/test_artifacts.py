@@ -16,8 +16,7 @@ from views.dissection.dissectors import SCRIPT, script
 from views.report.report_file import NoReport, made_report
 from wire.controller_lines import EARLIER, RECORD
 from wire.dispatcher_pb2 import Event
-from wire.results.network_facts import NetworkFacts
-from wire.results.run_result import RESULT
+from wire.results.run_result import RESULT, NetworkFacts
 
 OPTIONS = NetworkOptions(seed=7, length_km=2.0, fiber=("filter_nm=2",))
 

@@ -14,12 +14,11 @@ from qmn.results import schema
 from qmn.results.result import complete
 from qmn.results.run_result import RunResult
 from topologies.system.processes.programs import ROOT
-from wire.application_lines import figures, moment
 from wire.malformed import MalformedPacket
 from wire.parameters.fiber import FiberOptics
 from wire.parameters.physics import Detectors, Device, Memory, PairSource, Sensor
 from wire.results.figures import Figures, PairFigures, ServiceFigures
-from wire.results.moments import (
+from wire.results.time_series import (
     ClosedMoment,
     EveComes,
     EveLeaves,
@@ -29,6 +28,8 @@ from wire.results.moments import (
     Moment,
     NoKeyMoment,
     SessionMoment,
+    figures,
+    moment,
 )
 from wire.typed_json import read
 

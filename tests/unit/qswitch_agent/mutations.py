@@ -7,7 +7,7 @@ import openflow_messages as of
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
 
-from qswitch_agent.openflow import flow_reports, messages, multipart
+from qswitch_agent.openflow import flow_reports, messages
 from qswitch_agent.openflow.instructions import Mark
 from qswitch_agent.openflow.messages import HEADER, encode
 from wire import optical
@@ -110,12 +110,12 @@ def requests() -> list[list[bytes]]:
         of.barrier_request(8),
         of.flow_request(9),
         of.flow_request(10, aggregate=True),
-        multipart.request(ofp.OFPMP_PORT_DESC, 11),
+        messages.request(ofp.OFPMP_PORT_DESC, 11),
         flow_reports.flow_monitor_request(12),
-        multipart.request(
+        messages.request(
             ofp.OFPMP_EXPERIMENTER,
             13,
-            multipart.EXPERIMENT.pack(optical.EXPERIMENTER, optical.PATH_OPTICS),
+            messages.EXPERIMENT.pack(optical.EXPERIMENTER, optical.PATH_OPTICS),
         ),
     ]
     bundles = [
@@ -139,11 +139,11 @@ def replies() -> list[bytes]:
     described = [of.port(number).encode() for number in (1, 2, 9)]
     counted = [of.port_statistics(1), of.port_statistics(9)]
     return [
-        multipart.reply(ofp.OFPMP_PORT_DESC, 11, described),
-        multipart.reply(ofp.OFPMP_PORT_STATS, 12, counted),
-        multipart.reply(ofp.OFPMP_FLOW, 9, entries),
-        multipart.reply(ofp.OFPMP_FLOW, 10, entries),
-        multipart.reply(ofp.OFPMP_AGGREGATE, 14, [bytes(24)]),
+        messages.reply(ofp.OFPMP_PORT_DESC, 11, described),
+        messages.reply(ofp.OFPMP_PORT_STATS, 12, counted),
+        messages.reply(ofp.OFPMP_FLOW, 9, entries),
+        messages.reply(ofp.OFPMP_FLOW, 10, entries),
+        messages.reply(ofp.OFPMP_AGGREGATE, 14, [bytes(24)]),
         of.monitor_reply(*updates),
         of.port_status(of.port(1)),
         of.port_status(of.port(2, state=ofp.OFPPS_LINK_DOWN), ofp.OFPPR_DELETE),

@@ -9,7 +9,7 @@ from os_ken.ofproto import ofproto_v1_4_parser as parser
 from os_ken.ofproto.ofproto_parser import msg as parse
 from os_ken.ofproto.ofproto_protocol import ProtocolDesc
 
-from qswitch_agent.openflow import flow_reports, matches, multipart, packets, ports
+from qswitch_agent.openflow import flow_reports, matches, messages, packets, ports
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.instructions import Mark
 from qswitch_agent.openflow.messages import HEADER, encode
@@ -150,7 +150,7 @@ def flow_update(event: int, message: bytes, mark: Mark | None = None) -> bytes:
 
 def monitor_reply(*updates: bytes, more: bool = False) -> bytes:
     """Return a flow monitor's reply."""
-    return multipart.reply(ofp.OFPMP_FLOW_MONITOR, 0, [b"".join(updates)], more)
+    return messages.reply(ofp.OFPMP_FLOW_MONITOR, 0, [b"".join(updates)], more)
 
 
 def flow_entry(message: bytes, mark: Mark | None = None, packet_count: int = 0) -> bytes:

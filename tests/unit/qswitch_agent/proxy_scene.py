@@ -15,7 +15,7 @@ from unittest.mock import patch
 
 from openflow_messages import FIBERS, port
 
-from qswitch_agent.bridge import NO_PACKETS, Commands
+from qswitch_agent.bridge import NO_PACKETS, Commands, SupervisoryChannels
 from qswitch_agent.hardware import optics
 from qswitch_agent.hardware.optics import (
     Condition,
@@ -30,7 +30,6 @@ from qswitch_agent.openflow.flow_reports import FlowUpdate
 from qswitch_agent.openflow.messages import Framer
 from qswitch_agent.proxy import proxy as proxy_module
 from qswitch_agent.proxy.proxy import Proxy
-from qswitch_agent.supervision import SupervisoryChannels
 from qswitch_agent.switch import Switch
 from topologies.system.runs.runtime import free_port
 

@@ -18,7 +18,7 @@ from os_ken.ofproto import ofproto_v1_4 as ofp
 from proxy_scene import End, play
 
 from qswitch_agent.bridge import NO_PACKETS, BridgeFault, Commands, Monitor
-from qswitch_agent.openflow import flow_reports, matches, multipart, ports
+from qswitch_agent.openflow import flow_reports, matches, messages, ports
 from qswitch_agent.openflow.flow_reports import ADDED, PAUSED, RESUMED, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry
 from qswitch_agent.openflow.messages import HEADER, encode, hello
@@ -114,7 +114,7 @@ def test_ports_are_handed_over_as_they_are_and_as_they_change(tmp_path: Path) ->
             down = ofp.OFPPS_LINK_DOWN
             described = [port(1), port(2, config=ofp.OFPPC_PORT_DOWN), port(3, state=4)]
             parts = [one.encode() for one in described]
-            bridge.writer.write(multipart.reply(ofp.OFPMP_PORT_DESC, 2, parts))
+            bridge.writer.write(messages.reply(ofp.OFPMP_PORT_DESC, 2, parts))
             bridge.writer.write(port_status(port(1, state=down)))
             bridge.writer.write(port_status(port(2)))
             bridge.writer.write(port_status(port(3), ofp.OFPPR_DELETE))
@@ -151,7 +151,7 @@ def test_a_port_of_a_wrong_length_is_a_fault(tmp_path: Path, length: int) -> Non
     async def scene() -> None:
         async with Bridge(tmp_path / "q.mgmt") as bridge:
             wrong = ports.PORT.pack(1, length, bytes(6), b"", 0, 0)
-            bridge.writer.write(multipart.reply(ofp.OFPMP_PORT_DESC, 2, [wrong]))
+            bridge.writer.write(messages.reply(ofp.OFPMP_PORT_DESC, 2, [wrong]))
             with pytest.raises(BridgeFault, match=f"port 1 with length {length}"):
                 await bridge.running
             assert bridge.ports == []

@@ -7,7 +7,7 @@ import pytest
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
 
-from qswitch_agent.openflow import flow_reports, flows, instructions, matches, multipart
+from qswitch_agent.openflow import flow_reports, flows, instructions, matches, messages
 from qswitch_agent.openflow.flow_reports import FlowRemoved, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry, FlowMod
 from qswitch_agent.openflow.instructions import Mark
@@ -69,7 +69,7 @@ def test_every_truncated_update_is_malformed(message: bytes) -> None:
 
 
 def test_other_multipart_replies_hold_no_updates() -> None:
-    assert flow_reports.flow_updates(multipart.reply(ofp.OFPMP_DESC, 0, [bytes(1056)])) == []
+    assert flow_reports.flow_updates(messages.reply(ofp.OFPMP_DESC, 0, [bytes(1056)])) == []
 
 
 def test_match_for_more_than_the_port_is_seen() -> None:
@@ -214,10 +214,10 @@ def test_controllers_see_no_mark() -> None:
 def test_flow_statistics_show_photons_and_the_idle_time_out_that_was_asked_for() -> None:
     parts = [of.flow_entry(of.light(1, 2, cookie=8), MARK, 5)]
     parts.append(of.flow_entry(of.light(9, 10), packet_count=6))
-    light, other = flow_reports.flow_statistics(multipart.reply(ofp.OFPMP_FLOW, 4, parts))
+    light, other = flow_reports.flow_statistics(messages.reply(ofp.OFPMP_FLOW, 4, parts))
     assert (light.entry.mark, light.packets, other.entry.mark, other.packets) == (MARK, 5, None, 6)
     shown = [light.shown(MARK, 77).encode(), other.encode()]
-    first, second = of.decoded(multipart.reply(ofp.OFPMP_FLOW, 4, shown)).body
+    first, second = of.decoded(messages.reply(ofp.OFPMP_FLOW, 4, shown)).body
     assert (first.idle_timeout, first.packet_count) == (30, 77)
     assert first.byte_count == (1 << 64) - 1  # OpenFlow 1.4, 5.8: not available
     assert (first.cookie, first.match["in_port"]) == (8, 1)
@@ -238,7 +238,7 @@ def test_monitors_of_controllers_see_no_mark() -> None:
     added = flow_reports.flow_updates(shown)[0].entry
     assert added is not None
     assert (added.mark, added.in_port, added.out_port) == (None, 1, 2)
-    assert flow_reports.UPDATE.unpack_from(shown, multipart.BODY)[4:6] == (30, 4)
+    assert flow_reports.UPDATE.unpack_from(shown, messages.BODY)[4:6] == (30, 4)
 
 
 def test_removal_is_shown_as_light_knows_it() -> None:
@@ -255,7 +255,7 @@ def test_removal_is_shown_as_light_knows_it() -> None:
 
 def test_every_truncated_removal_or_statistic_is_malformed() -> None:
     removed = of.flow_removed(of.light(1, 2))
-    statistics = multipart.reply(ofp.OFPMP_FLOW, 4, [of.flow_entry(of.light(1, 2), MARK)])
+    statistics = messages.reply(ofp.OFPMP_FLOW, 4, [of.flow_entry(of.light(1, 2), MARK)])
     for size in range(8, len(removed) - 4):
         with pytest.raises(MalformedPacket):
             FlowRemoved.decode(removed[:size])

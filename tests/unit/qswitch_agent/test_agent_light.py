@@ -8,10 +8,10 @@ from openflow_messages import CLASSICAL, FIBERS
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
 
-from qswitch_agent.middleware.light import is_light, require_no_fiber
 from qswitch_agent.openflow import matches
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.refusals import Refusal
+from qswitch_agent.proxy.checks import is_light, require_no_fiber
 
 LOCAL, CONTROLLER = ofp.OFPP_LOCAL, ofp.OFPP_CONTROLLER
 BAD_PORT = (ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT)

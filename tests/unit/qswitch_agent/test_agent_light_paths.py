@@ -12,7 +12,7 @@ from os_ken.ofproto import ofproto_v1_4 as ofp
 from proxy_scene import Optics, Reports, play
 
 from qswitch_agent import light_paths, timeouts
-from qswitch_agent.bridge import Commands
+from qswitch_agent.bridge import Commands, SupervisoryChannels
 from qswitch_agent.hardware.optics import (
     CircuitReading,
     HardwareFault,
@@ -25,7 +25,6 @@ from qswitch_agent.openflow import matches
 from qswitch_agent.openflow.flow_reports import ADDED, REMOVED, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry
 from qswitch_agent.openflow.instructions import Mark
-from qswitch_agent.supervision import SupervisoryChannels
 from qswitch_agent.switch import Switch
 from topologies.timeouts import READY_TIMEOUT_S
 

@@ -17,14 +17,12 @@ from os_ken.ofproto import ofproto_v1_4 as ofp
 from proxy_scene import End, Stage, play, stage
 
 from qswitch_agent.middleware.flow_table import FlowTable
-from qswitch_agent.middleware.light import is_light
 from qswitch_agent.openflow import (
     flow_reports,
     flows,
     instructions,
     matches,
     messages,
-    multipart,
     packets,
     ports,
 )
@@ -34,6 +32,7 @@ from qswitch_agent.openflow.messages import HEADER, transaction_id
 from qswitch_agent.openflow.packets import PacketOut
 from qswitch_agent.openflow.ports import PortMod
 from qswitch_agent.openflow.refusals import Refusal
+from qswitch_agent.proxy.checks import is_light
 from wire.malformed import MalformedPacket
 
 COUNT = 10_000
@@ -76,7 +75,7 @@ def ports_shown(message: bytes) -> None:
 def counted(message: bytes) -> None:
     statistics = ports.port_statistics(message)
     parts = [one.shown((1, 2, 3), b"").encode() for one in statistics]
-    multipart.rebuilt(message, parts)
+    messages.rebuilt(message, parts)
 
 
 def flows_shown(message: bytes) -> None:
@@ -117,8 +116,8 @@ def packet(message: bytes) -> None:
 
 
 def multipart_asked(message: bytes) -> None:
-    multipart.asks_for_path_optics(message)
-    multipart.more_follows(message)
+    messages.asks_for_path_optics(message)
+    messages.more_follows(message)
 
 
 Reader = Callable[[bytes], object]

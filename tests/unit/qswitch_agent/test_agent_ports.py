@@ -7,7 +7,7 @@ import pytest
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
 
-from qswitch_agent.openflow import multipart, ports
+from qswitch_agent.openflow import messages, ports
 from qswitch_agent.openflow.ports import PortMod
 from wire.malformed import MalformedPacket
 from wire.optical import PortLight, PortOptics, PortTuning
@@ -18,7 +18,7 @@ LIGHT = PortLight(15, 1, 0, 2, 1, 0, 2, -10, -305, 600, 451)
 
 def test_os_ken_reads_a_description_with_optics() -> None:
     described = of.port(3, config=1, state=4, properties=OPTICS.encode())
-    (read,) = of.decoded(multipart.reply(ofp.OFPMP_PORT_DESC, 1, [described.encode()])).body
+    (read,) = of.decoded(messages.reply(ofp.OFPMP_PORT_DESC, 1, [described.encode()])).body
     assert (read.port_no, read.config, read.state) == (3, 1, 4)
     assert (read.hw_addr, read.name) == ("02:00:00:00:00:01", b"no-such-eth3")
     (optics,) = read.properties
@@ -27,7 +27,7 @@ def test_os_ken_reads_a_description_with_optics() -> None:
 
 def test_descriptions_and_states_are_decoded() -> None:
     both = [of.port(1), of.port(2, state=ofp.OFPPS_LINK_DOWN, properties=OPTICS.encode())]
-    reply = multipart.reply(ofp.OFPMP_PORT_DESC, 1, [port.encode() for port in both])
+    reply = messages.reply(ofp.OFPMP_PORT_DESC, 1, [port.encode() for port in both])
     assert ports.described_ports(reply) == both
     assert ports.described_ports(of.port_status(both[1])) == both[1:]
     assert ports.with_ports(reply, both) == reply
@@ -46,13 +46,13 @@ def test_port_is_up_unless_it_or_its_link_is_down() -> None:
 @pytest.mark.parametrize("name", [b"sixteen-letters!", b"\xe8\x80", "q1-fibré".encode(), b""])
 def test_name_comes_out_as_it_went_in(name: bytes) -> None:
     data = ports.PORT.pack(1, ports.PORT.size, bytes(6), name, 0, 0)
-    (read,) = ports.described_ports(multipart.reply(ofp.OFPMP_PORT_DESC, 1, [data]))
+    (read,) = ports.described_ports(messages.reply(ofp.OFPMP_PORT_DESC, 1, [data]))
     assert read.encode() == data
 
 
 def test_name_ends_at_the_first_nought() -> None:
     data = ports.PORT.pack(1, ports.PORT.size, bytes(6), b"q1\0junk", 0, 0)
-    (read,) = ports.described_ports(multipart.reply(ofp.OFPMP_PORT_DESC, 1, [data]))
+    (read,) = ports.described_ports(messages.reply(ofp.OFPMP_PORT_DESC, 1, [data]))
     assert read.name == "q1"
 
 
@@ -60,7 +60,7 @@ def test_name_ends_at_the_first_nought() -> None:
 def test_description_of_a_wrong_length_is_malformed(length: int) -> None:
     data = ports.PORT.pack(1, length, bytes(6), b"", 0, 0)
     with pytest.raises(MalformedPacket, match=f"port 1 with length {length}"):
-        ports.described_ports(multipart.reply(ofp.OFPMP_PORT_DESC, 1, [data]))
+        ports.described_ports(messages.reply(ofp.OFPMP_PORT_DESC, 1, [data]))
 
 
 def test_every_truncated_description_is_malformed() -> None:
@@ -121,11 +121,11 @@ def test_property_of_a_wrong_length_is_malformed(length: int) -> None:
 
 def test_statistics_of_a_fibre_are_photons_and_light() -> None:
     parts = [of.port_statistics(1, b"12345678"), of.port_statistics(9)]
-    fiber, other = ports.port_statistics(multipart.reply(ofp.OFPMP_PORT_STATS, 1, parts))
+    fiber, other = ports.port_statistics(messages.reply(ofp.OFPMP_PORT_STATS, 1, parts))
     assert (fiber.number, other.number) == (1, 9)
     assert (fiber.encode(), other.encode()) == tuple(parts)
     shown = fiber.shown((5, 6, 7), LIGHT.encode()).encode()
-    (read,) = of.decoded(multipart.reply(ofp.OFPMP_PORT_STATS, 1, [shown])).body
+    (read,) = of.decoded(messages.reply(ofp.OFPMP_PORT_STATS, 1, [shown])).body
     assert (read.port_no, read.duration_sec) == (1, 60)
     none = (1 << 64) - 1  # OpenFlow 1.4, 5.8
     assert (read.rx_packets, read.tx_packets, read.rx_bytes, read.tx_bytes) == (5, 6, none, none)
@@ -136,7 +136,7 @@ def test_statistics_of_a_fibre_are_photons_and_light() -> None:
 
 
 def test_every_truncated_statistic_is_malformed() -> None:
-    message = multipart.reply(ofp.OFPMP_PORT_STATS, 1, [of.port_statistics(1)])
+    message = messages.reply(ofp.OFPMP_PORT_STATS, 1, [of.port_statistics(1)])
     for size in range(17, len(message)):
         with pytest.raises(MalformedPacket):
             ports.port_statistics(message[:size])

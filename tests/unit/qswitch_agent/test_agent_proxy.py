@@ -23,7 +23,7 @@ from qswitch_agent.hardware.optics import (
     Quantity,
     Readings,
 )
-from qswitch_agent.openflow import flow_reports, matches, messages, multipart
+from qswitch_agent.openflow import flow_reports, matches, messages
 from qswitch_agent.openflow.flow_reports import ADDED, REMOVED, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry, FlowMod
 from qswitch_agent.openflow.instructions import Mark
@@ -444,7 +444,7 @@ def test_bridge_is_shown_as_an_optical_switch() -> None:
         async with stage() as now:
             parts = [of.port(1).encode(), of.port(9).encode()]
             now.bridge.says(
-                multipart.reply(ofp.OFPMP_PORT_DESC, 1, parts),
+                messages.reply(ofp.OFPMP_PORT_DESC, 1, parts),
                 of.port_status(of.port(3)),  # the first half of an announcement
                 of.port_status(of.port(2, config=NO_PACKETS)),
             )
@@ -470,7 +470,7 @@ def test_readings_beyond_their_fields_are_shown_as_the_nearest_value() -> None:
             dark = PortReading(5, 6, 7, 193_400_000, 193_400_000, -1e9, -float("inf"), -1.0)
             now.optics.readings = Readings({1: dark}, temperature_c=1e9)
             parts = [of.port_statistics(1), of.port_statistics(9)]
-            now.bridge.says(multipart.reply(ofp.OFPMP_PORT_STATS, 1, parts))
+            now.bridge.says(messages.reply(ofp.OFPMP_PORT_STATS, 1, parts))
             fiber, other = of.decoded(await now.controller.next()).body
             assert (fiber.rx_packets, fiber.tx_packets, fiber.rx_dropped) == (5, 6, 7)
             assert (other.rx_packets, other.properties) == (11, [])
@@ -503,7 +503,7 @@ def test_flags_of_statistics_say_what_is_measured(
             now.optics.readings = Readings({1: reading}, not_measured=frozenset(missing))
             if cut:
                 now.switch._channels.update([of.port(1, state=ofp.OFPPS_LINK_DOWN)])
-            now.bridge.says(multipart.reply(ofp.OFPMP_PORT_STATS, 1, [of.port_statistics(1)]))
+            now.bridge.says(messages.reply(ofp.OFPMP_PORT_STATS, 1, [of.port_statistics(1)]))
             (shown,) = of.decoded(await now.controller.next()).body
             (light,) = shown.properties
             assert light.flags == flags
@@ -522,7 +522,7 @@ def test_counters_that_there_are_not_have_the_maximum_value() -> None:
     async def scene() -> None:
         async with stage() as now:
             now.optics.readings = Readings({1: PortReading(5, 6, 7)})
-            ports = multipart.reply(ofp.OFPMP_PORT_STATS, 1, [of.port_statistics(1)])
+            ports = messages.reply(ofp.OFPMP_PORT_STATS, 1, [of.port_statistics(1)])
             for counted in (True, False):
                 now.bridge.says(ports)
                 (port,) = of.decoded(await now.controller.next()).body
@@ -531,7 +531,7 @@ def test_counters_that_there_are_not_have_the_maximum_value() -> None:
                 others = port.rx_bytes, port.tx_bytes, port.tx_dropped, port.rx_errors
                 assert (*others, port.tx_errors) == (NOT_AVAILABLE,) * 5
                 entries = [of.flow_entry(of.light(1, 2), Mark(30, 7))]
-                now.bridge.says(multipart.reply(ofp.OFPMP_FLOW, 5, entries))
+                now.bridge.says(messages.reply(ofp.OFPMP_FLOW, 5, entries))
                 (light,) = of.decoded(await now.controller.next()).body
                 assert light.byte_count == NOT_AVAILABLE
                 assert light.packet_count == (0 if counted else NOT_AVAILABLE)
@@ -551,7 +551,7 @@ def test_photons_are_the_packets_of_light_alone() -> None:
             length = flow_reports.STATISTICS.size + len(match) + len(instructions)
             head = flow_reports.STATISTICS.pack(length, 0, 5, 0, 0, 0, 0, 0, 0, 0, 4, 240)
             parts = [of.flow_entry(of.light(1, 2), Mark(30, 7)), head + match + instructions]
-            now.bridge.says(multipart.reply(ofp.OFPMP_FLOW, 5, parts))
+            now.bridge.says(messages.reply(ofp.OFPMP_FLOW, 5, parts))
             shown = await now.controller.next()
             light, classical = flow_reports.flow_statistics(shown)
             assert (light.packets, light.fixed[5]) == (99, 30)
@@ -560,8 +560,8 @@ def test_photons_are_the_packets_of_light_alone() -> None:
 
             now.controller.says(of.flow_request(6, aggregate=True))
             await now.bridge.hears(of.flow_request(6))
-            more = multipart.reply(ofp.OFPMP_FLOW, 6, parts[:1], more=True)
-            now.bridge.says(more, multipart.reply(ofp.OFPMP_FLOW, 6, parts[1:]))
+            more = messages.reply(ofp.OFPMP_FLOW, 6, parts[:1], more=True)
+            now.bridge.says(more, messages.reply(ofp.OFPMP_FLOW, 6, parts[1:]))
             total = of.decoded(await now.controller.next()).body
             assert (total.packet_count, total.byte_count, total.flow_count) == (
                 103,
@@ -602,8 +602,8 @@ def test_packets_from_a_fibre_are_lldp_alone() -> None:
 def test_paths_are_told_to_who_asks_for_them() -> None:
     async def scene() -> None:
         async with stage() as now:
-            body = multipart.EXPERIMENT.pack(optical.EXPERIMENTER, optical.PATH_OPTICS)
-            now.controller.says(multipart.request(ofp.OFPMP_EXPERIMENTER, 4, body))
+            body = messages.EXPERIMENT.pack(optical.EXPERIMENTER, optical.PATH_OPTICS)
+            now.controller.says(messages.request(ofp.OFPMP_EXPERIMENTER, 4, body))
             answer = of.decoded(await now.controller.next())
             (others,) = optical.decode_path_optics(bytes(answer.body.data))
             assert (others.in_port, others.loss_mdb, others.rotation) == (optical.ANY_PORT, 500, 1)
@@ -635,7 +635,7 @@ def test_hardware_that_cannot_be_read_ends_the_connection(failure: Exception) ->
     async def scene() -> None:
         async with stage() as now:
             now.optics.failure = failure
-            now.bridge.says(multipart.reply(ofp.OFPMP_PORT_STATS, 1, [of.port_statistics(1)]))
+            now.bridge.says(messages.reply(ofp.OFPMP_PORT_STATS, 1, [of.port_statistics(1)]))
             await now.controller.hears_the_end()
 
     play(scene())

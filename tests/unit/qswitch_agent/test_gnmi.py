@@ -24,10 +24,15 @@ from qswitch_agent.hardware.optics import (
     Quantity,
     Readings,
 )
-from qswitch_agent.telemetry.messages import Unusable, path_of, require_encoding
-from qswitch_agent.telemetry.open_config import Fiber, Observed, leaves
-from qswitch_agent.telemetry.service import MAX_PATHS, MAX_STREAMS, Telemetry
-from qswitch_agent.telemetry.tree import Leaf, found
+from qswitch_agent.telemetry.open_config import Fiber, Leaf, Observed, found, leaves
+from qswitch_agent.telemetry.service import (
+    MAX_PATHS,
+    MAX_STREAMS,
+    Telemetry,
+    Unusable,
+    path_of,
+    require_encoding,
+)
 from topologies.system.runs.runtime import free_port
 from wire.optical import ALL_VALID, ANY_PORT, VALID_RX_PWR, PathOptics, PortLight
 

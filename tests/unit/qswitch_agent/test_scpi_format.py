@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from qswitch_agent.hardware.scpi_format import (
+from qswitch_agent.hardware.scpi_link import (
     GarbledReply,
     channels,
     is_error,

@@ -38,9 +38,8 @@ from wire.metadata.header import HEADER, Message
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.values import Envelope, Topic, Values
 from wire.metadata.vocabulary import Handshake, Reason, Service, Verdict
+from wire.monitor_messages import GiveBack, Quantity, SealOrder, SessionEstimate
 from wire.outcomes import Pauli
-from wire.seal_orders import GiveBack, SealOrder
-from wire.session_estimates import Quantity, SessionEstimate
 
 SEED = 7
 KEY = "00" * 32

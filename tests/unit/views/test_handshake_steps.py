@@ -36,7 +36,7 @@ from wire.metadata.blocks import Block, Emission, Emit, Emitted, Finish, Frame, 
 from wire.metadata.decoding import KINDS
 from wire.metadata.header import Message
 from wire.metadata.values import Envelope, Topic, Values
-from wire.results.network_facts import NetworkFacts
+from wire.results.run_result import NetworkFacts
 
 THERE = (ALICE, BOB)
 

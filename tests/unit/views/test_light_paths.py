@@ -7,7 +7,7 @@ from recorded_run import NETWORK, events
 
 from views.report.light_paths import light_paths, photons_by_port, without_outcome
 from wire import typed_json
-from wire.results.network_facts import NetworkFacts
+from wire.results.run_result import NetworkFacts
 
 
 def test_a_path_leads_through_switches_that_were_connected_at_the_same_time() -> None:

@@ -33,7 +33,7 @@ from views.live.server import AT_ONCE, PAGE
 from views.live.sources import timeline_of_run
 from views.live.timeline import Timeline
 from wire import typed_json
-from wire.results.network_facts import NetworkFacts
+from wire.results.run_result import NetworkFacts
 
 EXAMPLES = {
     "link": {"a": "alice", "b": "q1", "state": "down"},

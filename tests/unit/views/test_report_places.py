@@ -14,7 +14,7 @@ from views.report.network_diagram import network_diagram
 from views.report.places import NODE_INCHES, WIDTH_INCHES, columns, of_nodes, on_paper
 from wire.config import QuantumSwitch
 from wire.parameters.fiber import Fiber, FiberEnd
-from wire.results.network_facts import NetworkFacts
+from wire.results.run_result import NetworkFacts
 
 LINE = ["q1", "q2", "q3", "q4", "q5"]
 RING = [*pairwise(LINE), ("q5", "q1")]

@@ -35,8 +35,7 @@ from wire.malformed import MalformedPacket
 from wire.metadata.header import HEADER, Message
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import Reason
-from wire.seal_orders import GiveBack, SealOrder
-from wire.session_estimates import Quantity, SessionEstimate
+from wire.monitor_messages import GiveBack, Quantity, SealOrder, SessionEstimate
 
 KEY, OTHER_KEY = "00112233445566778899aabbccddeeff", "ff" * 16
 HOST, CONTROLLER = Datagram.FROM_HOST, Datagram.FROM_CONTROLLER

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from wire import frames
+from wire import dispatcher_service
 from wire.malformed import MalformedPacket
 
 
@@ -16,27 +16,27 @@ def read_all(data: bytes) -> list[bytes]:
         stream.feed_data(data)
         stream.feed_eof()
         while not stream.at_eof():
-            messages.append(await frames.read(stream))
+            messages.append(await dispatcher_service.read(stream))
         return messages
 
     return asyncio.run(read())
 
 
 def test_a_message_goes_behind_its_length() -> None:
-    assert frames.encode(b"light") == bytes.fromhex("00000005") + b"light"
+    assert dispatcher_service.encode(b"light") == bytes.fromhex("00000005") + b"light"
 
 
 def test_messages_come_out_as_they_went_in() -> None:
-    messages = [b"", b"light", bytes(frames.MAX_LENGTH)]
-    assert read_all(b"".join(map(frames.encode, messages))) == messages
+    messages = [b"", b"light", bytes(dispatcher_service.MAX_LENGTH)]
+    assert read_all(b"".join(map(dispatcher_service.encode, messages))) == messages
 
 
 @pytest.mark.parametrize("length", range(1, 9))
 def test_a_message_that_is_cut_short_is_the_end(length: int) -> None:
     with pytest.raises(EOFError):
-        read_all(frames.encode(b"light")[:length])
+        read_all(dispatcher_service.encode(b"light")[:length])
 
 
 def test_a_message_that_is_too_long_is_malformed_before_it_is_there() -> None:
     with pytest.raises(MalformedPacket, match="1048577 bytes"):
-        read_all(frames.LENGTH.pack(frames.MAX_LENGTH + 1))
+        read_all(dispatcher_service.LENGTH.pack(dispatcher_service.MAX_LENGTH + 1))

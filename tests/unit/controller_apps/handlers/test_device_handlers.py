@@ -50,9 +50,8 @@ from wire.device import (
 from wire.metadata.header import Message
 from wire.metadata.setup import Answer
 from wire.metadata.vocabulary import Reason
+from wire.monitor_messages import GiveBack, Quantity, SealOrder, SessionEstimate
 from wire.optical import ALL_VALID, TUNABLE, PortLight, PortOptics
-from wire.seal_orders import GiveBack, SealOrder
-from wire.session_estimates import Quantity, SessionEstimate
 
 KEYS = {"alice": "aa" * 16, "bob": "bb" * 16}
 CONTROLLER, ALICE = "10.0.0.254", "10.0.0.1"

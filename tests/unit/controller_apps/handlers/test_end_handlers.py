@@ -35,7 +35,7 @@ from wire.metadata.decoding import decode
 from wire.metadata.header import METADATA_PORT
 from wire.metadata.setup import SETUP_LENGTH, Setup
 from wire.metadata.vocabulary import Reason
-from wire.session_estimates import Quantity, SessionEstimate
+from wire.monitor_messages import Quantity, SessionEstimate
 
 scene, ready = handlers_scene.scene, handlers_scene.ready  # fixtures
 

@@ -1,10 +1,15 @@
-"""Moments of keys, of tunnels and of the file through one: what has happened, and when.
+"""Time series of keys, of tunnels and of the file through one: events with their times.
 
-Programs of hosts say it as lines of JSON (wire.application_lines); result.json keeps it. Each kind
-of moment has a class of its own, by whose names it is read; `vars` gives what is told.
+Programs of hosts print them as lines of JSON; result.json keeps them. Each kind of event
+has a class of its own, by whose names it is read; `vars` gives the fields that it has.
 """
 
-from wire.results.figures import EveFigures, Figures
+import json
+from collections.abc import Mapping
+from typing import Any, cast
+
+from wire import typed_json
+from wire.results.figures import EveFigures, Figures, ServiceFigures
 
 
 class Moment(Figures):
@@ -12,7 +17,7 @@ class Moment(Figures):
 
     at: float  # s since the run could begin, by the clock of the network
     event: str
-    host: str = ""  # not told of what the run itself does
+    host: str = ""  # empty for events of the run itself
 
 
 class SessionMoment(Moment):
@@ -81,3 +86,28 @@ AnyMoment = (
     | EveComes
     | EveLeaves
 )
+
+
+Line = dict[str, Any]  # `event`, and what belongs to it
+NOT_FIGURES = ("event", "peer", "sha256")
+
+
+def fields_of(line: str | bytes) -> Line:
+    """Return the object of a line, {} for a line that is not one: the interpreter also warns."""
+    try:
+        fields = json.loads(line)
+    except (ValueError, RecursionError):
+        return {}
+    return fields if isinstance(fields, dict) else {}
+
+
+def figures(line: Mapping[str, Any]) -> ServiceFigures:
+    """Return an end's report on a service; raise MalformedPacket for anything else."""
+    values = {name: value for name, value in line.items() if name not in NOT_FIGURES}
+    return cast("ServiceFigures", typed_json.read(cast("Any", ServiceFigures), values))
+
+
+def moment(line: Mapping[str, Any], at_s: float) -> AnyMoment:
+    """Return what has happened at a time of the run; raise MalformedPacket for anything else."""
+    values = {**line, "at": round(at_s, 3)}
+    return cast("AnyMoment", typed_json.read(cast("Any", AnyMoment), values))
