@@ -4,4 +4,7 @@ VERBS = {
     "start a network": {
         "netqasm": ("applications.netqasm.verb", "run a NetQASM application on hosts"),
     },
+    "use the simulator alone": {
+        "sabot": ("applications.circuits.verb", "run quantum circuits on the simulator alone"),
+    },
 }

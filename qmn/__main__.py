@@ -51,7 +51,6 @@ OWN: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "set": "links, fibres, faults, eavesdroppers, settings, policy",
         },
         "use the simulator alone": {
-            "sabot": "run quantum circuits on the simulator alone",
             "replay": "do again what a run's dispatcher did, and compare",
         },
         "look after this machine": {

@@ -30,7 +30,7 @@ MODULES = (
     "qmn.running.event_sources",
     "qmn.verbs.replay",
     "qmn.verbs.runs",
-    "qmn.verbs.sabot",
+    "applications.circuits.verb",
     "qmn.verbs.spy",
 )
 REQUEST_BYTES = 1 << 20

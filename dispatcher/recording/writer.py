@@ -4,8 +4,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TextIO
 
-from dispatcher.sabot.circuits.circuit import MAX_BITS, MAX_QUBITS, MAX_SOURCE_BYTES
-
+# Limits of a program that `qmn sabot` runs.
+MAX_SOURCE_BYTES = 1 << 20
+MAX_QUBITS = 1_000
+MAX_BITS = 4_096
 PHOTONS = 64  # of each block are written, from the first on
 FULL_BYTES = MAX_SOURCE_BYTES // 2  # no block begins behind that; those that have may go on
 

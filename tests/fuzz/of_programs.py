@@ -11,11 +11,11 @@ import test_snapshots
 from metadata_scene import PER_PAIR
 from target import Target
 
+from applications.circuits.circuit import Circuit, CircuitError, Source
+from applications.circuits.qasm import read_qasm
+from applications.circuits.reading import read_chp
 from applications.vpn import tls
 from controller_apps.sessions import snapshot
-from dispatcher.sabot.circuits.circuit import Circuit, CircuitError, Source
-from dispatcher.sabot.circuits.qasm import read_qasm
-from dispatcher.sabot.circuits.reading import read_chp
 from qswitch_agent.hardware import scpi_link
 from qswitch_agent.hardware.scpi_link import GarbledReply
 from qswitch_agent.openflow import matches

@@ -9,12 +9,12 @@ import numpy as np
 import uvloop
 from dispatcher_network import Bench, JumpingClock, block, configuration, running, with_fibers
 
-from dispatcher.recording.writer import PHOTONS
+from applications.circuits.circuit import Circuit, Source
+from applications.circuits.interpreter import run_circuit
+from applications.circuits.qasm import read_qasm
+from dispatcher.recording.writer import MAX_SOURCE_BYTES, PHOTONS
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.backends import BACKENDS
-from dispatcher.sabot.circuits.circuit import MAX_SOURCE_BYTES, Circuit, Source
-from dispatcher.sabot.circuits.interpreter import run_circuit
-from dispatcher.sabot.circuits.qasm import read_qasm
 from wire.config import PathOptics, QuantumSwitch
 from wire.dispatcher_pb2 import (
     ApplyRequest,

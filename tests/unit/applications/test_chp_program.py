@@ -2,8 +2,7 @@
 
 import pytest
 
-from dispatcher.sabot.circuits.circuit import (
-    MAX_QUBITS,
+from applications.circuits.circuit import (
     Circuit,
     CircuitError,
     ClassicalRegister,
@@ -11,7 +10,8 @@ from dispatcher.sabot.circuits.circuit import (
     Measure,
     Source,
 )
-from dispatcher.sabot.circuits.reading import read_chp
+from applications.circuits.reading import read_chp
+from dispatcher.recording.writer import MAX_QUBITS
 
 
 def read(text: str) -> Circuit:

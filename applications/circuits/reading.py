@@ -12,11 +12,8 @@ from typing import Literal
 
 import numpy as np
 
-from dispatcher.sabot.backend import Bytes
-from dispatcher.sabot.circuits.circuit import (
-    MAX_BITS,
+from applications.circuits.circuit import (
     MAX_OPERATIONS,
-    MAX_QUBITS,
     Circuit,
     ClassicalRegister,
     Gate,
@@ -24,7 +21,9 @@ from dispatcher.sabot.circuits.circuit import (
     Operation,
     Source,
 )
-from dispatcher.sabot.circuits.qasm import read_qasm
+from applications.circuits.qasm import read_qasm
+from dispatcher.recording.writer import MAX_BITS, MAX_QUBITS
+from dispatcher.sabot.backend import Bytes
 
 GATES = {"c": ("CX", 2), "h": ("H", 1), "p": ("S", 1), "m": ("measure", 1)}
 REGISTER = "m"

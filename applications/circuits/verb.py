@@ -9,18 +9,17 @@ from typing import Any, get_args
 from rich.console import Console
 from rich.table import Table
 
-from dispatcher.sabot.backends import BACKENDS
-from dispatcher.sabot.circuits.circuit import (
+from applications.circuits.circuit import (
     MAX_OPERATIONS,
-    MAX_QUBITS,
     MAX_SHOTS,
-    MAX_SOURCE_BYTES,
     Circuit,
     CircuitError,
     read_source,
 )
-from dispatcher.sabot.circuits.interpreter import run_circuit
-from dispatcher.sabot.circuits.reading import Format, count, read_circuit
+from applications.circuits.interpreter import run_circuit
+from applications.circuits.reading import Format, count, read_circuit
+from dispatcher.recording.writer import MAX_QUBITS, MAX_SOURCE_BYTES
+from dispatcher.sabot.backends import BACKENDS
 from qmn.options import add_options, read
 from wire.parameters.option import option
 

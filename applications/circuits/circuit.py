@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
+from dispatcher.recording.writer import MAX_SOURCE_BYTES
+
 STANDARD_INPUT = "-"
 
 
@@ -44,9 +46,6 @@ def read_source(path: str) -> Source:
         ) from error
 
 
-MAX_SOURCE_BYTES = 1 << 20
-MAX_QUBITS = 1_000
-MAX_BITS = 4_096
 MAX_OPERATIONS = 200_000  # with gate definitions and registers written out
 MAX_SHOTS = 1_000_000
 

@@ -12,10 +12,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.sabot import gates
-from dispatcher.sabot.backend import Backend, Begin, Bytes, CliffordName, GateName, Randomness
-from dispatcher.sabot.capacity import require_amplitudes
-from dispatcher.sabot.circuits.circuit import (
+from applications.circuits.circuit import (
     MAX_SHOTS,
     Barrier,
     Circuit,
@@ -27,6 +24,9 @@ from dispatcher.sabot.circuits.circuit import (
     Operation,
     Reset,
 )
+from dispatcher.sabot import gates
+from dispatcher.sabot.backend import Backend, Begin, Bytes, CliffordName, GateName, Randomness
+from dispatcher.sabot.capacity import require_amplitudes
 from dispatcher.sabot.dense import DIGITS, Dense, TooLarge
 from dispatcher.sabot.dense import MAX_QUBITS as MOST_DENSE
 from dispatcher.sabot.draws import Draws, PhotonDraws

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from dispatcher.sabot.circuits.circuit import MAX_OPERATIONS, Gate, Source
-from dispatcher.sabot.circuits.expressions import Expression, evaluate, read_arguments
-from dispatcher.sabot.circuits.syntax import KEYWORDS, Tokens
+from applications.circuits.circuit import MAX_OPERATIONS, Gate, Source
+from applications.circuits.expressions import Expression, evaluate, read_arguments
+from applications.circuits.syntax import KEYWORDS, Tokens
 from dispatcher.sabot.gates import ROTATIONS, as_clifford
 
 STANDARD_LIBRARY = Path(__file__).with_name("qelib1.inc")

@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dispatcher.sabot.circuits.circuit import (
+from applications.circuits.circuit import (
     MAX_OPERATIONS,
-    MAX_QUBITS,
-    MAX_SOURCE_BYTES,
     Barrier,
     Circuit,
     CircuitError,
@@ -25,8 +23,9 @@ from dispatcher.sabot.circuits.circuit import (
     Source,
     read_source,
 )
-from dispatcher.sabot.circuits.gates import standard_gates
-from dispatcher.sabot.circuits.qasm import read_qasm
+from applications.circuits.gates import standard_gates
+from applications.circuits.qasm import read_qasm
+from dispatcher.recording.writer import MAX_QUBITS, MAX_SOURCE_BYTES
 
 Matrix = NDArray[Any]
 

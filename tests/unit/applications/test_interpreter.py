@@ -9,9 +9,7 @@ import pytest
 import stim
 from numpy.random import Generator
 
-from dispatcher.sabot.backend import Bytes
-from dispatcher.sabot.backends import BACKENDS
-from dispatcher.sabot.circuits.circuit import (
+from applications.circuits.circuit import (
     MAX_SHOTS,
     Circuit,
     CircuitError,
@@ -23,9 +21,11 @@ from dispatcher.sabot.circuits.circuit import (
     Source,
     read_source,
 )
-from dispatcher.sabot.circuits.interpreter import PAULIS, measurements_at_end, run_circuit
-from dispatcher.sabot.circuits.qasm import read_qasm
-from dispatcher.sabot.circuits.reading import count
+from applications.circuits.interpreter import PAULIS, measurements_at_end, run_circuit
+from applications.circuits.qasm import read_qasm
+from applications.circuits.reading import count
+from dispatcher.sabot.backend import Bytes
+from dispatcher.sabot.backends import BACKENDS
 
 QISKIT_FOLDER = Path(__file__).with_name("qiskit_circuits")
 QISKIT = json.loads((QISKIT_FOLDER / "probabilities.json").read_text())

@@ -4,10 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NoReturn
 
-from dispatcher.sabot.circuits.circuit import (
-    MAX_BITS,
+from applications.circuits.circuit import (
     MAX_OPERATIONS,
-    MAX_QUBITS,
     Barrier,
     Circuit,
     ClassicalRegister,
@@ -18,9 +16,10 @@ from dispatcher.sabot.circuits.circuit import (
     Reset,
     Source,
 )
-from dispatcher.sabot.circuits.expressions import BadExpression, evaluate, read_arguments
-from dispatcher.sabot.circuits.gates import BadGate, standard_gates
-from dispatcher.sabot.circuits.syntax import Tokens
+from applications.circuits.expressions import BadExpression, evaluate, read_arguments
+from applications.circuits.gates import BadGate, standard_gates
+from applications.circuits.syntax import Tokens
+from dispatcher.recording.writer import MAX_BITS, MAX_QUBITS
 
 HEADER = (
     'begin with the lines OPENQASM 2.0; and include "qelib1.inc"; (or, for a .chp program, say '

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from typing import NamedTuple, NoReturn
 
-from dispatcher.sabot.circuits.circuit import Source
+from applications.circuits.circuit import Source
 
 LONGEST_TOKEN = 40  # in an error message
 LONGEST_NUMBER = 4_000

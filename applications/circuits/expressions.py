@@ -7,7 +7,7 @@ A power binds more tightly than a sign, a product or a quotient, and to the righ
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 
-from dispatcher.sabot.circuits.syntax import FUNCTIONS, Token, Tokens
+from applications.circuits.syntax import FUNCTIONS, Token, Tokens
 
 LONGEST_BRACKET = 250  # characters: each application of a gate evaluates its expressions
 DEEPEST = 30
