@@ -79,14 +79,7 @@ def build_layer(
         draws=draws,
         network=Network(config.fibers, config.switches),
         ownership=Ownership(clock.now_ns, software.longest_news_ns),
-        history=History(
-            config.history_depth,
-            event_log,
-            capture,
-            config.per_qubit,
-            equal_share(config, MOST_EVENTS, LEAST_EVENTS),
-            writing_delay_s,
-        ),
+        history=_history(config, event_log, capture, writing_delay_s),
         devices=devices,
         memories=Memories(devices, clock, sabot, draws, software),
         max_live_qubits=config.max_live_qubits,
@@ -96,6 +89,17 @@ def build_layer(
         time=config.time,
         software=software,
     )
+
+
+def _history(
+    config: DispatcherConfig,
+    event_log: TextIO | None,
+    capture: EventCapture | None,
+    writing_delay_s: float,
+) -> History:
+    share = equal_share(config, MOST_EVENTS, LEAST_EVENTS)
+    depth, per_qubit = config.history_depth, config.per_qubit
+    return History(depth, event_log, capture, per_qubit, share, writing_delay_s)
 
 
 def equal_share(config: DispatcherConfig, whole: int, least: int) -> int:

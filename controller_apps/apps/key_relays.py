@@ -165,10 +165,15 @@ class KeyRelays(App):
             return  # its switch is gone
         self._number = max(self._number + 1, time.time_ns())
         datagram = Datagram(message, heard.host, self._number)
-        payload = datagram.seal(self.keys[heard.host], TO_KEY_MANAGER)
-        ends = self.address, place.address
-        ports = DEVICE_PORT, KEY_AGENT_PORT
-        frame = Frame(CONTROLLER_MAC, place.mac, *ends, *ports, payload)
+        frame = Frame(
+            source_mac=CONTROLLER_MAC,
+            destination_mac=place.mac,
+            source=self.address,
+            destination=place.address,
+            source_port=DEVICE_PORT,
+            destination_port=KEY_AGENT_PORT,
+            payload=datagram.seal(self.keys[heard.host], TO_KEY_MANAGER),
+        )
         out = flow_entries.packet_out(datapath, ofproto.OFPP_CONTROLLER, place.port, frame.encode())
         datapath.send_msg(out)
 

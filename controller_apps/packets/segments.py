@@ -103,9 +103,18 @@ def _parse(frame: bytes) -> Segment:
     payload_offset = tcp_offset + 4 * (offset >> 4)
     if offset >> 4 < 5 or not payload_offset <= end <= len(frame):
         raise MalformedPacket(f"headers and lengths do not fit into {len(frame)} bytes")
-    ends = inet_ntoa(source), source_port, inet_ntoa(destination), destination_port
-    offsets = tcp_offset, payload_offset, end
-    return Segment(frame, FiveTuple(*ends), sequence, acknowledged, flags, *offsets)
+    return Segment(
+        frame=frame,
+        five_tuple=FiveTuple(
+            inet_ntoa(source), source_port, inet_ntoa(destination), destination_port
+        ),
+        sequence=sequence,
+        acknowledged=acknowledged,
+        flags=flags,
+        tcp_offset=tcp_offset,
+        payload_offset=payload_offset,
+        end=end,
+    )
 
 
 def checksum(data: bytes | bytearray) -> int:

@@ -92,11 +92,7 @@ class DetectorPair:
         moved = timed and (late_ps is not None or self._device.jitter_ps > 0)
         if self.ideal and extras is None and extra_pairs is None and not moved:
             return Detection(bits, own, int(np.count_nonzero(own)))
-        if self._device.efficiency < 1:
-            own &= random.happens("efficiency", self._device.efficiency)
-        if self._device.efficiency_mismatch:
-            missed = random.happens("mismatch", self._device.efficiency_mismatch)
-            own &= ~(missed & (bits == 1))
+        own = self._detected(own, bits, random)
         light = [own & (bits == value) for value in (0, 1)]
         if extras is not None:
             self._add(light, extras, random)
@@ -114,6 +110,14 @@ class DetectorPair:
             clicks = _with_extra_pairs(light, met)
             outside = before - _count(clicks)
         return replace(self._watch(clicks, own, train, random), outside=outside)
+
+    def _detected(self, own: Mask, bits: Bits, random: PhotonRandom) -> Mask:
+        if self._device.efficiency < 1:
+            own &= random.happens("efficiency", self._device.efficiency)
+        if self._device.efficiency_mismatch:
+            missed = random.happens("mismatch", self._device.efficiency_mismatch)
+            own &= ~(missed & (bits == 1))
+        return own
 
     def _in_gates(
         self,

@@ -204,8 +204,7 @@ class Replies:
                 await self._switch.hardware.tune(port, *tuned)
             except HardwareRefusal as refusal:
                 log.error("port %d is not tuned: %s", port, refusal)
-                failed = ofp.OFPET_BUNDLE_FAILED, ofp.OFPBFC_MSG_FAILED
-                return messages.error(*failed, message)
+                return messages.error(ofp.OFPET_BUNDLE_FAILED, ofp.OFPBFC_MSG_FAILED, message)
         return message
 
 

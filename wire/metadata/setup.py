@@ -142,8 +142,14 @@ class Answer(Message):
             if symbols not in SYMBOLS:
                 raise MalformedPacket(f"Answer: {symbols} symbols")
         try:
-            details = text.decode(), symbols, encoding, wavelength_pm
-            return cls(session, member(Reason, reason), *details)
+            return cls(
+                session,
+                reason=member(Reason, reason),
+                text=text.decode(),
+                symbols=symbols,
+                encoding=encoding,
+                wavelength_pm=wavelength_pm,
+            )
         except UnicodeDecodeError as error:
             raise MalformedPacket(f"Answer: text is not UTF-8: {error}") from error
 

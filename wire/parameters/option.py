@@ -35,7 +35,7 @@ class Words(TypedDict, total=False):
 
 
 class Declaration(Words, total=False):
-    """What a field declares of itself, or a parser in its place."""
+    """The declarations of a field, or of a parser in its place."""
 
     help: str  # of options alone
     default: str  # of parsers
