@@ -1,8 +1,8 @@
 """make mutants: put bugs in, one at a time, in a copy of the tree, and see which tests notice.
 
-First the unit tests that import the file or its folder are tried, then those of its room and the
-contract; all of them are the day's. The status is 1 if a bug is noticed by none and not explained,
-or fits its file no more.
+First the unit tests that import the file or its folder are tried, then those of its room, of all
+formats and of the contract; all of them are the day's. The status is 1 if a bug is noticed by none
+and not explained, or fits its file no more.
 """
 
 import argparse
@@ -18,6 +18,7 @@ from bugs import ROOT, Bug, bugs, unit_tests_of
 
 PYTEST = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-p", "garbage"]
 DAY = ["-p", "nightly", "-m", "not nightly"]
+FORMATS = "tests/unit/test_wire_formats.py"  # of every room
 LONGEST_S = 1_200.0  # for the tests of a room; what hangs is noticed
 
 
@@ -61,7 +62,8 @@ def noticed(tree: Path, bug: Bug, near: bool, ignored: Sequence[str]) -> bool:
     right = file.read_text()
     first = [test for test in unit_tests_of(bug, tree) if test not in ignored]
     room = tree / "tests" / "unit" / bug.room
-    rest = [str(each) for each in (room, tree / "tests" / "contract") if each.exists()]
+    others = room, tree / "tests" / "contract", tree / FORMATS
+    rest = [str(each) for each in others if each.exists()]
     file.write_text(bug.applied(right))
     try:
         return bool(first and fails(tree, first, ignored)) or (
