@@ -200,6 +200,7 @@ def test_dark_counts_alone_make_accidental_coincidences_of_any_outcome() -> None
     told = int((found.outcomes != NO_CLICK).sum())
     assert within(told, COUNT, arm**2)
     assert found.incidents["accidental"] == told
+    assert within(found.incidents["dark"], 4 * COUNT, 1 - np.exp(-0.1))  # of two pairs of detectors
     assert all(within(int((found.outcomes == state).sum()), told, 0.25) for state in range(4))
 
 
