@@ -1,8 +1,37 @@
-"""The start of a job by the name of its module, for the verbs that have jobs."""
+"""Jobs of verbs: their options, and their start by the names of their modules."""
 
+from collections.abc import Collection
 from functools import partial
 from importlib import import_module
 from typing import Any
+
+from qmn.network.options import NetworkOptions
+from qmn.network.topologies import add_topology
+from qmn.options import add_options, read
+from qmn.parser import Parser
+from qmn.registered import JOB
+from qmn.requests.run_options import RunOptions
+from wire.parameters.option import WRITTEN
+
+
+def describe_job(
+    parser: Parser,
+    module: str,
+    request: type[Any],
+    *parts: type[Any],
+    topology: str = "sdc",
+    leave_out: Collection[str] = (),
+) -> None:
+    """Describe a job whose request, with its parts, has all options beside those of its network.
+
+    `leave_out` names options of the network.
+    """
+    for kind in (request, *parts):
+        add_options(parser, kind, group=JOB)
+    add_topology(parser, topology)
+    add_options(parser, NetworkOptions, leave_out=leave_out)
+    add_options(parser, RunOptions, group=WRITTEN)
+    parser.set_defaults(call=lambda arguments: run_job(module, read(request, arguments)))
 
 
 def run_job(module: str, request: Any) -> int:

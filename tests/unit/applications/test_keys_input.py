@@ -4,17 +4,17 @@ import pytest
 
 from applications.keys.job import checked, service_of
 from applications.keys.key_managers import KeyService
-from applications.keys.verb import keys_request
+from applications.keys.request import KeysRequest
 from qmn.__main__ import described
 from qmn.jobs.eavesdropping import tapped_way
-from qmn.options import BadInput
+from qmn.options import BadInput, read
 from wire.key_manager import KEY_LINK_PORTS, KeyLink
 
 
 def asked(*words: str) -> KeyService:
     """Return what the command line asks of key managers."""
     whole = ["run", "keys", *words]
-    return service_of(*checked(keys_request(described(whole).parse_args(whole))))
+    return service_of(*checked(read(KeysRequest, described(whole).parse_args(whole))))
 
 
 def test_options_reach_the_key_managers() -> None:
@@ -30,7 +30,7 @@ def test_options_reach_the_key_managers() -> None:
 def test_eve_is_on_the_light_of_who_opens_on_its_way_to_whoever_measures_it() -> None:
     """Of BB84 that is the acceptor, of MDI-QKD the relay; of pairs she is before the acceptor."""
     whole = ["run", "keys", "--eve", "1"]
-    _request, network = checked(keys_request(described(whole).parse_args(whole)))
+    _request, network = checked(read(KeysRequest, described(whole).parse_args(whole)))
     ways = {each: tapped_way(each, ("alice", "bob"), "", network) for each in KEY_LINK_PORTS}
     assert ways == {
         "bb84": ("alice", "bob"),

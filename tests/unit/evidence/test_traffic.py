@@ -13,13 +13,13 @@ import pytest
 from evidence.traffic.erlang import erlang_b, erlang_c, mean_wait, waits_longer
 from evidence.traffic.job import checked
 from evidence.traffic.plan import BadTraffic, Planned, Traffic, plan
+from evidence.traffic.request import LoadRequest
 from evidence.traffic.session import Outcome, Wanted, like_phi_plus
 from evidence.traffic.summary import fairness, fidelity_by_age, light_times, summary, waits
-from evidence.traffic.verb import load_request
 from hosts.middleware.services import NAMES
 from qmn.__main__ import described
 from qmn.network.description import describe_network
-from qmn.options import BadInput
+from qmn.options import BadInput, read
 from qmn.results.fiber_use import fiber_use, shares, span_of
 from views.report.waits_diagram import waited
 from wire.config import QuantumSwitch
@@ -259,7 +259,7 @@ def test_a_fibre_is_in_use_in_the_direction_of_its_light() -> None:
 def asked(*words: str) -> tuple[Traffic, list[Planned], Wanted]:
     """Return what the command line asks for."""
     whole = ["run", "load", *words]
-    request = load_request(described(whole).parse_args(whole))
+    request = read(LoadRequest, described(whole).parse_args(whole))
     return checked(request, describe_network(request.network))[1:]
 
 

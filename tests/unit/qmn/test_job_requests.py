@@ -1,6 +1,7 @@
 """Requests of jobs: filled by words or by keywords, and kept in results."""
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,15 +10,12 @@ from json_schema import problems
 from recorded_run import asked
 
 from applications.keys.request import KeysRequest
-from applications.keys.verb import keys_request
 from applications.netqasm import verb as netqasm
 from applications.vpn.request import VpnRequest
-from applications.vpn.verb import vpn_request
 from evidence.traffic.request import LoadRequest
-from evidence.traffic.verb import load_request
 from qmn.__main__ import described
 from qmn.network.options import NetworkOptions
-from qmn.options import BadInput, from_keywords
+from qmn.options import BadInput, from_keywords, read
 from qmn.requests.keeping import kept
 from qmn.requests.kinds import KEPT
 from qmn.requests.request import Request
@@ -31,9 +29,9 @@ from wire.malformed import MalformedPacket
 ROOT = schema.json_schema()
 READERS = {
     "sdc": run.superdense_request,
-    "load": load_request,
-    "keys": keys_request,
-    "vpn": vpn_request,
+    "load": partial(read, LoadRequest),
+    "keys": partial(read, KeysRequest),
+    "vpn": partial(read, VpnRequest),
 }
 
 
