@@ -90,7 +90,7 @@ def test_one_sees_and_acts(tmp_path: Path) -> None:
 
         done = act(url, act="send", **{"from": "alice", "to": "bob", "text": "hello"})
         assert (done["status"], done["command"]) == (0, ["send", "alice", "bob", "hello"])
-        assert "bob received 'hello'" in done["said"]
+        assert "bob received 'hello'" in done["output"]
         wait_until(lambda: reader.has("event", node="bob", kind="bell-measure"), "light at bob")
         wait_until(lambda: reader.has("controller", event="granted"), "the controller's word")
         wait_until(lambda: reader.has("act", status=0), "the act")
@@ -106,13 +106,13 @@ def test_one_sees_and_acts(tmp_path: Path) -> None:
         wait_until(lambda: reader.has("controller", **cut), "the cut fibre")
         refused = act(url, act="send", **{"from": "alice", "to": "bob", "text": "hello"})
         assert refused["status"] == 1
-        assert "is cut" in refused["said"]
+        assert "is cut" in refused["output"]
         assert act(url, act="link", a="q1", b="alice", state="up")["status"] == 0
         done = act(url, act="send", **{"from": "alice", "to": "bob", "text": "again"})
-        assert (done["status"], "bob received 'again'" in done["said"]) == (0, True), done
+        assert (done["status"], "bob received 'again'" in done["output"]) == (0, True), done
         wait_until(lambda: reader.has("controller", **{**cut, "up": True}), "the mended fibre")
         done = act(url, act="tap", a="alice", b="q1", fraction="1")
-        assert (done["status"], done["said"][:7]) == (0, "1 fibre")
+        assert (done["status"], done["output"][:7]) == (0, "1 fibre")
         assert act(url, act="tap", a="alice", b="q9", fraction="1")["status"] == 1
     reader.join(DEADLINE_S)
     assert reader.ended
@@ -143,7 +143,7 @@ def test_networks_apart_have_their_pages_at_one_address(tmp_path: Path) -> None:
             shown = told(f"{url}{number}/network.json")
             assert (shown["number"], shown["live"], shown["acts"]) == (number, True, True)
             done = act(f"{url}{number}/", act="repair", switch="q1")
-            assert (done["status"], done["said"][:3]) == (0, "q1:"), done
+            assert (done["status"], done["output"][:3]) == (0, "q1:"), done
         for reader in readers:
             reader.join(DEADLINE_S)
             assert reader.ended
