@@ -105,7 +105,7 @@ def test_fidelity_falls_with_the_measured_latency_of_the_two_bits_as_theory_says
 ) -> None:
     t1_s, t2_s, states = 0.5, 0.2, 16_384
     words = ("--classical-mbps", "0.2,20", "--memory-t1-s", str(t1_s), "--memory-t2-s", str(t2_s))
-    command = [*COMMAND[:4], "teleport", "--emulate", *words, "--out", str(tmp_path)]
+    command = [*COMMAND[:5], "teleport", "--emulate", *words, "--out", str(tmp_path)]
     done = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=PROGRAM_S
     )
