@@ -58,10 +58,16 @@ def lists(parser: Parser) -> Iterator[str]:
 
 
 def actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
+    for each in help_parsers(parser):
+        yield from each._actions
+
+
+def help_parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    """Yield a parser and all parsers of words below it, each with its options."""
     if isinstance(parser, Parser):
         parser.complete()
+    yield parser
     for action in parser._actions:
-        yield action
         if isinstance(action, argparse._SubParsersAction):
-            for below in action.choices.values():
-                yield from actions(below)
+            for below in dict.fromkeys(action.choices.values()):
+                yield from help_parsers(below)

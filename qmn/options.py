@@ -50,7 +50,8 @@ def add_options(
             if only_one not in alternatives:
                 alternatives[only_one] = target.add_mutually_exclusive_group()
             target = alternatives[only_one]
-        target.add_argument(_flag(each, said), dest=each.name, **_how(each, said))
+        action = target.add_argument(_flag(each, said), dest=each.name, **_how(each, said))
+        action.range = said.get("range")  # for the page of all options
 
 
 def titled(parser: argparse.ArgumentParser, title: str) -> Any:

@@ -13,32 +13,13 @@ from typing import Any
 import numpy as np
 
 from wire.parameters.checks import share
+from wire.parameters.units import UNITS, unit_of
 
 Value = float | int | str
 Values = dict[str, Value]
 
 MAX_VALUES = 10_000
 RANGE = re.compile(r"([\d.]+)-([\d.]+)")  # as people write one
-UNITS = (  # longer endings first
-    ("_ps_per_sqrt_km", "ps/sqrt km"),
-    ("_ps_per_nm_km", "ps/(nm km)"),
-    ("_rad_per_sqrt_km", "rad/sqrt km"),
-    ("_rad_per_s", "rad/s"),
-    ("_k_per_sqrt_s", "K/sqrt s"),
-    ("_k_per_s", "K/s"),
-    ("_ppm_per_k", "ppm/K"),
-    ("_per_km_nm", "1/(km nm)"),
-    ("_mw", "mW"),
-    ("_mbps", "Mbit/s"),
-    ("_nm", "nm"),
-    ("_db_per_km", "dB/km"),
-    ("_km", "km"),
-    ("_db", "dB"),
-    ("_hz", "Hz"),
-    ("_ps", "ps"),
-    ("_rad", "rad"),
-    ("_s", "s"),
-)
 
 
 class BadGrid(ValueError):
@@ -164,13 +145,6 @@ def of_dataclass(prefix: str, device: Any) -> list[Parameter]:
             least, most = each.metadata["range"]
             found.append(Parameter(name, default, least, most, unit_of(each.name)))
     return found
-
-
-def unit_of(name: str) -> str:
-    for ending, unit in UNITS:
-        if name.endswith(ending):
-            return unit
-    return ""
 
 
 def point_seed(experiment: str, values: Values, seed: int) -> int:

@@ -1,4 +1,4 @@
-"""The pages of the site, for MkDocs: the repository's, as they lie there, and what they link to.
+"""The pages of the site, for MkDocs: the repository's, that of all options, and what they link to.
 
 A link leads where it leads on GitHub. What is linked and is neither page nor picture becomes a page
 that shows it, as a browser would only save it.
@@ -7,6 +7,8 @@ that shows it, as a browser would only save it.
 import json
 import posixpath
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -25,19 +27,27 @@ LANGUAGES = {
     "": "text",
 }
 PICTURES = {".png", ".svg"}
+MADE = {"docs/options.md": "qmn.reference"}  # pages that a module prints
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Return the theme's files, the pages of the navigation, and what these link to."""
     root = Path(config.config_file_path).parent
     pages = list(named(config.nav))
-    linked = {link for page in pages for link in links(page, (root / page).read_text())}
+    there = [page for page in pages if page not in MADE]
+    linked = {link for page in there for link in links(page, (root / page).read_text())}
     found = [file for file in files if file.src_dir != config.docs_dir]
-    found += [File.generated(config, page, abs_src_path=str(root / page)) for page in pages]
+    found += [File.generated(config, page, abs_src_path=str(root / page)) for page in there]
+    found += [File.generated(config, page, content=made(MADE[page], root)) for page in MADE]
     # A page that is not in the navigation is missed: MkDocs then says so.
     others = sorted(name for name in linked - set(pages) if not name.endswith(".md"))
     found += [linked_file(config, root, name) for name in others if (root / name).is_file()]
     return Files(found)
+
+
+def made(module: str, root: Path) -> str:
+    command = [sys.executable, "-m", module]
+    return subprocess.run(command, cwd=root, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 
 def linked_file(config: MkDocsConfig, root: Path, name: str) -> File:
