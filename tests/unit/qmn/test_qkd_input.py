@@ -12,6 +12,7 @@ from qmn.network.description import describe_network
 from qmn.options import BadInput
 from qmn.requests.service import ServiceRequest
 from qmn.verbs.run import service_request
+from topologies.quantum_topo import QuantumTopo
 
 
 def parse(*words: str) -> ServiceRequest:
@@ -104,3 +105,18 @@ def test_a_named_analyser_of_a_relay_stays() -> None:
     request, network = checked(parse("qkd", "--protocol", "mdi", "--device", option))
     assert network.parts.hosts["charlie"].analyser.kind == "linear"
     assert request.network.device == (option,)
+
+
+@pytest.mark.parametrize("words", [("--protocol", "mdi"), ("--eve", "0.5"), ("--preset", "lab")])
+def test_a_request_builds_its_topology_once(
+    words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    built, add_nodes = [], QuantumTopo._add_nodes
+
+    def count(topo: QuantumTopo) -> None:
+        built.append(topo)
+        add_nodes(topo)
+
+    monkeypatch.setattr(QuantumTopo, "_add_nodes", count)
+    _request, network = checked(parse("qkd", *words))
+    assert built == [network.topo]
