@@ -40,12 +40,12 @@ def add_options(
 
     Each is in the GROUP of the class that declares it, or else in this one, or in none.
     """
-    alternatives: dict[str, Any] = {}
+    alternatives: dict[str, argparse._ActionsContainer] = {}
     for each in _fields(kind):
         said: Declaration = {**declared(each), **words.get(each.name, {})}
         if "help" not in said or said.get("flag") == "" or each.name in leave_out:
             continue
-        target: Any = titled(parser, said.get("group") or _group(kind, each.name) or group)
+        target = titled(parser, said.get("group") or _group(kind, each.name) or group)
         if only_one := said.get("instead_of"):
             if only_one not in alternatives:
                 alternatives[only_one] = target.add_mutually_exclusive_group()
@@ -54,13 +54,12 @@ def add_options(
         action.range = said.get("range")  # for the page of all options
 
 
-def titled(parser: argparse.ArgumentParser, title: str) -> Any:
-    """Return the group of a parser's options with this title, a new one at first; of no title, all.
-
-    What it returns has argparse's `add_argument`.
-    """
-    there = [each for each in parser._action_groups if each.title == title]
-    return (there or [parser.add_argument_group(title)])[0] if title else parser
+def titled(parser: argparse.ArgumentParser, title: str) -> argparse._ActionsContainer:
+    """Return the group of a parser's options with this title, or the parser if there is none."""
+    if not title:
+        return parser
+    groups = [each for each in parser._action_groups if each.title == title]
+    return groups[0] if groups else parser.add_argument_group(title)
 
 
 def read(

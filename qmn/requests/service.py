@@ -18,15 +18,24 @@ from wire.parameters.option import option, recorded_as
 
 
 @dataclass(frozen=True, kw_only=True)
-class ServiceRequest:
-    """What is asked of a service, and in which network."""
+class SenderOptions:
+    """Who asks, where not a line of hosts says it."""
 
-    service: str
     sender: str = option("alice", "that asks (alice)", flag="--from", metavar="HOST")
-    # In place of those of the session, which are recorded; None: such that every source can make
-    # them.
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlockOptions:
+    """In place of the session's, which are recorded; None: such that every source can make it."""
+
     block_pairs: int | None = option(None, "pairs in a block", metavar="N", recorded=False)
     rate_hz: int | None = option(None, "of the source", metavar="HZ", recorded=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EavesdropperOptions:
+    """Whether there is an eavesdropper, and what she does."""
+
     eve: float | None = option(
         None,
         "put eve on the fibre, who attacks this fraction of the photons",
@@ -45,12 +54,24 @@ class ServiceRequest:
         metavar="DB",
         range=(0.0, 100),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandOutOptions:
+    """What becomes of keys."""
+
     hand_out: Path | None = option(
         None,
         "take keys out of both stores as they come, into files of this new folder",
         metavar="DIR",
         recorded=False,
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SwapOptions:
+    """How repeaters take turns."""
+
     schedule: str | None = option(
         None,
         f"who swaps when ({PARALLEL}, or as --policy says; docs/swapping.md)",
@@ -62,6 +83,13 @@ class ServiceRequest:
         metavar="ROUNDS",
         range=(0, MAX_LEVEL_ROUNDS),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServiceRequest(SenderOptions, BlockOptions, EavesdropperOptions, HandOutOptions, SwapOptions):
+    """What is asked of a service, and in which network."""
+
+    service: str
     # Not asked for: what hosts are to find out, by their devices; None: nothing.
     phases_rad: tuple[float, ...] | None = field(default=None, metadata=recorded_as("phases_rad"))
     options: ServiceOptions  # of its session, with the host that is asked

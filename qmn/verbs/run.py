@@ -16,7 +16,15 @@ from qmn.options import add_options, read, titled
 from qmn.parser import Parser
 from qmn.registered import JOB, JOBS, registered
 from qmn.requests.run_options import RunOptions
-from qmn.requests.service import ServiceRequest, ends_of_line
+from qmn.requests.service import (
+    BlockOptions,
+    EavesdropperOptions,
+    HandOutOptions,
+    SenderOptions,
+    ServiceRequest,
+    SwapOptions,
+    ends_of_line,
+)
 from qmn.requests.service_verbs import APPLICATION_PORT, SERVICE_PORT, VERBS, Verb
 from qmn.requests.superdense import SuperdenseRequest
 from wire.parameters.option import WRITTEN, Declaration
@@ -98,16 +106,16 @@ def _describe_service(parser: Parser, name: str, verb: Verb) -> None:
     )
     rate = f"of the source ({kind.rate_hz}, or as fast as the slowest source can)"
     block = f"pairs in a block ({kind.block_pairs}, or what is made in {MAX_BLOCK_S:g} s)"
-    absent = dict.fromkeys(("eve", "eve_attack", "eve_hides_db"), not verb.eavesdropper)
-    absent["schedule"] = absent["purify"] = not verb.scheduled
-    absent["sender"], absent["hand_out"] = verb.line, not verb.protocols
-    add_options(
-        parser,
-        ServiceRequest,
-        leave_out=[option for option, there_is_none in absent.items() if there_is_none],
-        words={"rate_hz": {"help": rate}, "block_pairs": {"help": block}},
-        group=JOB,
-    )
+    words: dict[str, Declaration] = {"rate_hz": {"help": rate}, "block_pairs": {"help": block}}
+    has = {
+        SenderOptions: not verb.line,
+        BlockOptions: True,
+        EavesdropperOptions: verb.eavesdropper,
+        HandOutOptions: bool(verb.protocols),
+        SwapOptions: verb.scheduled,
+    }
+    for options in (each for each, is_there in has.items() if is_there):
+        add_options(parser, options, words=words, group=JOB)
     add_topology(parser, verb.topology)
     add_options(parser, NetworkOptions, leave_out=() if verb.keys else KEYS)
     add_options(parser, RunOptions, group=WRITTEN)
@@ -119,8 +127,8 @@ def _call_service(arguments: argparse.Namespace) -> int:
 
 def service_request(arguments: argparse.Namespace) -> ServiceRequest:
     ends = ends_of_line(arguments.service, getattr(arguments, "line", ""))
-    kinds = {"options": NAMES[arguments.service].options}
-    return read(ServiceRequest, arguments, kinds, port=SERVICE_PORT, **ends)
+    parts = {"options": NAMES[arguments.service].options}
+    return read(ServiceRequest, arguments, parts, port=SERVICE_PORT, **ends)
 
 
 def _add_registered(jobs: Any, name: str, entry: EntryPoint) -> None:
