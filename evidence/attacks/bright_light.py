@@ -116,7 +116,7 @@ def blinding(defended: bool, bits: int) -> tuple[int, int]:
 
 
 async def blinded(photons: int, glare: Glare, detector: AvalanchePhotodiode) -> Spied:
-    """Return the key that alice and bob sift of so many photons, and what eve knows of it."""
+    """Return the key that alice and bob sift of `photons` photons, and eve's share of it."""
     laboratory = Laboratory(configuration(SEED, [fiber(*TO_EVE)]))
     alice, eve = laboratory.host("alice"), laboratory.host("eve")
     random, light = np.random.default_rng(SEED), (0, 0)
@@ -144,8 +144,8 @@ def seen(
     pulses_w = glare.trigger_w * shares(states, bases)
     zero, one = detector.clicks(pulses_w, glare.continuous_w, random).T
     coins = random.integers(0, 2, states.size, dtype=np.uint8)
-    told = np.where(zero & one, coins, one.astype(np.uint8))
-    return np.where(zero | one, told, np.uint8(NO_CLICK)).astype(np.uint8)
+    outcomes = np.where(zero & one, coins, one.astype(np.uint8))
+    return np.where(zero | one, outcomes, np.uint8(NO_CLICK)).astype(np.uint8)
 
 
 def trojan_light(defended: bool, bits: int) -> tuple[int, int]:
@@ -160,10 +160,10 @@ def trojan_light(defended: bool, bits: int) -> tuple[int, int]:
 def trojan(
     source: ReflectingSource, injected: float, bits: int, amplified: bool
 ) -> tuple[int, int]:
-    """Return how many bits eve knows who sends so many photons a pulse into a source, of how many.
+    """Return how many bits eve knows by photons that she sends into a source, of how many.
 
-    She keeps what comes back until bases are told: one photon in the right one is enough. Ends who
-    amplify take away as many bits as light below the alarm can tell, and some standard errors.
+    She keeps returning light until bases are announced: one photon in the right one is enough. The
+    ends take away as many bits as light below the alarm can tell, and some standard errors.
     """
     random = np.random.default_rng(SEED)
     states = random.integers(0, 4, bits, dtype=np.uint8)
@@ -175,6 +175,6 @@ def trojan(
         return spied.known, bits
     if source.tells(injected):
         return 0, bits
-    told = 1 - exp(-source.reflected(source.alarm_photons))
-    length = bits * (1 - told) - SIGMAS * sqrt(bits * told * (1 - told))
+    known = 1 - exp(-source.reflected(source.alarm_photons))
+    length = bits * (1 - known) - SIGMAS * sqrt(bits * known * (1 - known))
     return spied.left(length), bits

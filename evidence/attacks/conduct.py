@@ -17,22 +17,22 @@ ATTACKER, VICTIM, POSED = "charlie", "bob", "alice"
 
 
 def wait_for_line(network: Network, program: "subprocess.Popen[str]", line: str) -> None:
-    """Wait until a program has said a line; raise NetworkError if it will not."""
+    """Wait until a program prints a line; raise NetworkError if it does not."""
     deadline = time.monotonic() + TOLD_TIMEOUT_S
     assert program.stdout is not None
-    while (said := program.stdout.readline()) and said.strip() != line:
+    while (printed := program.stdout.readline()) and printed.strip() != line:
         network.check()
         if time.monotonic() > deadline:
             break
-    if said.strip() != line:
+    if printed.strip() != line:
         raise NetworkError(f"{ATTACKER}'s program did not say {line!r} in {TOLD_TIMEOUT_S:g} s")
 
 
-def told_count(said: str) -> int:
+def sent_count(output: str) -> int:
     """Return the number that an attacker's program has printed; raise NetworkError if none."""
-    found = re.search(r"count=(\d+)", said)
+    found = re.search(r"count=(\d+)", output)
     if found is None:
-        raise NetworkError(f"{ATTACKER}'s program has failed: {said.strip()[-300:]}")
+        raise NetworkError(f"{ATTACKER}'s program has failed: {output.strip()[-300:]}")
     return int(found[1])
 
 

@@ -10,8 +10,8 @@ from evidence.attacks.conduct import (
     POSED,
     VICTIM,
     facts_of,
+    sent_count,
     settled,
-    told_count,
 )
 from hosts.client import blocking_session
 from hosts.stack_socket import BYTES
@@ -27,7 +27,7 @@ LISTENING = 7  # port of bob's application
 def blind_rst(network: Network, sessions: int) -> int:
     """End sessions of alice by RSTs in her name at guessed places; return how many that has ended.
 
-    charlie is told the ports of her connections, which a patient attacker tries one after the
+    charlie knows the ports of her connections, which a patient attacker tries one after the
     other.
     """
     before = ended(network)
@@ -61,10 +61,10 @@ def session(network: Network) -> Iterator[None]:
 
 def opener_port(network: Network) -> int:
     words = f"ss -Htn state established dst {network.host(VICTIM).IP()} dport = :{METADATA_PORT}"
-    said = network.host(POSED).cmd(words)
-    found = re.search(r"\d:(\d+)\s", said)
+    output = network.host(POSED).cmd(words)
+    found = re.search(r"\d:(\d+)\s", output)
     if found is None:
-        raise NetworkError(f"{POSED} has no connection to {VICTIM}: {said.strip()}")
+        raise NetworkError(f"{POSED} has no connection to {VICTIM}: {output.strip()}")
     return int(found[1])
 
 
@@ -89,10 +89,10 @@ def replay(network: Network, frames: int) -> int:
 
 def recorded(network: Network, port: str) -> str:
     with network.host(VICTIM).popen([*FRAMES, "record", port], text=True) as program:
-        said, errors = program.communicate(timeout=ATTACK_TIMEOUT_S)
-    found = re.search(r"frame=([0-9a-f]+)", said)
+        output, errors = program.communicate(timeout=ATTACK_TIMEOUT_S)
+    found = re.search(r"frame=([0-9a-f]+)", output)
     if found is None:
-        raise NetworkError(f"{VICTIM} announces nothing at {port}: {said}{errors}")
+        raise NetworkError(f"{VICTIM} announces nothing at {port}: {output}{errors}")
     return found[1]
 
 
@@ -122,6 +122,6 @@ def places(network: Network) -> set[tuple[int, int]]:
 
 def run_frames(network: Network, what: str, *words: str, count: int) -> None:
     with network.host(ATTACKER).popen([*FRAMES, what, *words], text=True) as sender:
-        said, errors = sender.communicate(timeout=ATTACK_TIMEOUT_S)
-    if told_count(said + errors) != count:
-        raise NetworkError(f"{ATTACKER} could not send {count} frames: {said}{errors}")
+        output, errors = sender.communicate(timeout=ATTACK_TIMEOUT_S)
+    if sent_count(output + errors) != count:
+        raise NetworkError(f"{ATTACKER} could not send {count} frames: {output}{errors}")

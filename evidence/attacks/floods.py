@@ -12,8 +12,8 @@ from evidence.attacks.conduct import (
     POSED,
     VICTIM,
     facts_of,
+    sent_count,
     settled,
-    told_count,
     wait_for_line,
 )
 from evidence.attacks.frames import station
@@ -33,7 +33,7 @@ def arp_spoofing(network: Network, pings: int) -> int:
     words = ["poison", str(attacker.defaultIntf()), victim.IP(), victim.MAC(), posed.IP()]
     with attacker.popen([*FRAMES, *words], text=True) as liar:
         try:
-            wait_for_line(network, liar, "told")
+            wait_for_line(network, liar, "sent")
             # There is something to be changed then, and alice asks for bob only 5 s later: what he
             # hears of her is what he believes. It is no ping, which might be counted.
             victim.cmd(f"echo > /dev/udp/{posed.IP()}/{DISCARD}")
@@ -41,8 +41,8 @@ def arp_spoofing(network: Network, pings: int) -> int:
             victim.cmd(f"ping -c {pings} -i {1 / PINGS_A_SECOND:g} -W 1 {posed.IP()}")
         finally:
             liar.terminate()
-        said, errors = liar.communicate(timeout=ATTACK_TIMEOUT_S)
-    return told_count(said + errors)
+        output, errors = liar.communicate(timeout=ATTACK_TIMEOUT_S)
+    return sent_count(output + errors)
 
 
 def wait_until_believed(network: Network, victim: Host, address: str, mac: str) -> None:
@@ -54,7 +54,7 @@ def wait_until_believed(network: Network, victim: Host, address: str, mac: str) 
 
 
 def flow_table_flooding(network: Network, stations: int) -> int:
-    """Speak as so many stations; return how many of them s1's tables have entries for."""
+    """Send as `count` stations; return how many of them s1's tables have entries for."""
     meet(network)
     made_up = {station(number).hex(":") for number in range(stations)}
     flood(network, "stations", stations)
@@ -78,9 +78,9 @@ def flood(network: Network, what: str, count: int, *words: str) -> None:
     attacker, victim = network.host(ATTACKER), network.host(VICTIM)
     command = [*FRAMES, what, str(attacker.defaultIntf()), str(count), victim.MAC(), *words]
     with attacker.popen(command, text=True) as sender:
-        said, errors = sender.communicate(timeout=ATTACK_TIMEOUT_S)
-    if told_count(said + errors) != count:
-        raise NetworkError(f"{ATTACKER} could not send {count} frames: {said}{errors}")
+        output, errors = sender.communicate(timeout=ATTACK_TIMEOUT_S)
+    if sent_count(output + errors) != count:
+        raise NetworkError(f"{ATTACKER} could not send {count} frames: {output}{errors}")
 
 
 def senders(switch: str) -> set[str]:

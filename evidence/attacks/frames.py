@@ -54,7 +54,7 @@ def own_mac(channel: socket.socket) -> bytes:
 
 
 class Ended(Exception):
-    """Whoever has started the program has seen enough."""
+    """The parent ended the program."""
 
 
 def end(_number: int, _frame: FrameType | None) -> None:
@@ -63,7 +63,7 @@ def end(_number: int, _frame: FrameType | None) -> None:
 
 def poison(interface: str, victim: str, victim_mac: str, posed: str) -> int:
     """Tell a victim that an address is here, until SIGTERM; return how many pings came for it."""
-    channel, caught, told = opened(interface), 0, False
+    channel, caught, announced = opened(interface), 0, False
     mac = own_mac(channel)
     lie = bytes(
         Ether(src=mac, dst=victim_mac)
@@ -76,9 +76,9 @@ def poison(interface: str, victim: str, victim_mac: str, posed: str) -> int:
         while True:
             if time.monotonic() >= next_s:
                 channel.send(lie)
-                if not told:
-                    print("told", flush=True)
-                told, next_s = True, next_s + LIE_PERIOD_S
+                if not announced:
+                    print("sent", flush=True)
+                announced, next_s = True, next_s + LIE_PERIOD_S
             if select.select([channel], [], [], max(0.0, next_s - time.monotonic()))[0]:
                 caught += is_ping(channel.recv(65_536), mac, wanted)
     except Ended:
@@ -111,7 +111,7 @@ def station(number: int) -> bytes:
 
 
 def set_ups(interface: str, count: int, to_mac: str, own: str, to: str) -> int:
-    """Send so many set-ups, each as if it were the first of a connection that stands."""
+    """Send `count` set-ups, each as if it were the first of a connection that stands."""
     channel = opened(interface)
     frames = (
         bytes(
@@ -128,7 +128,7 @@ def set_ups(interface: str, count: int, to_mac: str, own: str, to: str) -> int:
 
 
 def resets(interface: str, count: int, to_mac: str, posed: str, to: str, port: str) -> int:
-    """Send so many RSTs of a connection, each at a place that is guessed."""
+    """Send `count` RSTs of a connection, each at a place that is guessed."""
     mac = own_mac(opened(interface))
     frames = (
         bytes(

@@ -1,13 +1,13 @@
 """Impostors on the management network: of switches towards c0, and of c0 towards switches.
 
-No host is there. They are root's on this machine, in another namespace than c0's.
+There is no host. They are root's on this machine, in another namespace than c0's.
 """
 
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from evidence.attacks.conduct import told_count, wait_for_line
+from evidence.attacks.conduct import sent_count, wait_for_line
 from qmn.timeouts import ATTACK_TIMEOUT_S
 from topologies.networks.network import Network
 from topologies.system.processes.commands import ip
@@ -27,7 +27,7 @@ def impostor_switch(network: Network, switches: int) -> int:
         check=False,
         timeout=ATTACK_TIMEOUT_S,
     )
-    return told_count(done.stdout + done.stderr)
+    return sent_count(done.stdout + done.stderr)
 
 
 def impostor_controller(network: Network, orders: int) -> int:
@@ -42,10 +42,10 @@ def impostor_controller(network: Network, orders: int) -> int:
     ):
         try:
             wait_for_line(network, impostor, "listening")
-            said, _ = impostor.communicate(timeout=ATTACK_TIMEOUT_S)
+            output, _ = impostor.communicate(timeout=ATTACK_TIMEOUT_S)
         finally:
             impostor.kill()
-    return told_count(said)
+    return sent_count(output)
 
 
 def where(network: Network) -> list[str]:

@@ -1,6 +1,6 @@
 """The attacks: what each tries, what stops it, and one trial of it without that and with it.
 
-Each trial has a network of its own. What charlie does he does as root on his host, and sees what a
+Each trial has a network of its own. Charlie acts as root on his host, and sees what a
 host sees; what it comes to is counted elsewhere.
 """
 
@@ -16,9 +16,9 @@ from topologies.networks.network import Network
 
 @dataclass(frozen=True)
 class Attack:
-    """One attack on a network; `conduct` returns the count of one trial, with so many attempts."""
+    """One attack on a network; `conduct` returns the count of one trial."""
 
-    counted: str  # what the count is, of so many
+    counted: str  # the meaning of the count
     defence: str  # the switch of the policy's [filter], or an option of the network
     conduct: Callable[[Network, int], int]
     attempts: int

@@ -66,7 +66,7 @@ def pose_as_controller(address: tuple[str, int], orders: int) -> int:
                 with connection:
                     obeyed += order(connection, orders)
             except OSError:
-                continue  # whoever it was has left, or nobody has come
+                continue  # the peer has left, or none came
     return obeyed
 
 

@@ -33,7 +33,7 @@ KEY_BYTES = 32
 
 @dataclass(frozen=True)
 class Load:
-    """So many requests, and what they took."""
+    """A number of requests, and their cost."""
 
     requests: int
     processor_s: float  # of the controller
@@ -113,7 +113,7 @@ async def loads(
 async def both(
     network: PlayedNetwork, folder: Path, requests: int, controller: Program, signals: Signals
 ) -> tuple[Load, Load]:
-    """Measure so many requests that are granted, then as many that are refused."""
+    """Measure `count` requests that are granted, then as many that are refused."""
     await all_known(network, folder, signals)
     each = requests // AT_ONCE
     places = count(1)
@@ -143,8 +143,8 @@ async def both(
 def require(setup: Setup, verdict: Verdict, reason: Reason) -> None:
     """Raise ValueError for another verdict, or another reason."""
     if (setup.verdict, setup.reason) != (verdict, reason):
-        told = f"{Verdict(setup.verdict).name} ({Reason(setup.reason).name})"
-        raise ValueError(f"session {setup.session:016x} is {told}, not {verdict.name}")
+        outcome = f"{Verdict(setup.verdict).name} ({Reason(setup.reason).name})"
+        raise ValueError(f"session {setup.session:016x} is {outcome}, not {verdict.name}")
 
 
 async def measured(

@@ -49,7 +49,7 @@ class _Load:
         self._live = 0
 
     def fill(self, amount: int) -> None:
-        """Make pairs until so many are alive."""
+        """Make pairs until `count` are alive."""
         while self._live < amount:
             pairs = min(BLOCK_PAIRS, amount - self._live)
             self._perform(self._create(pairs))

@@ -21,7 +21,7 @@ SETUPS = 50
 
 @dataclass(frozen=True)
 class ManyHosts:
-    """What a network of so many hosts takes."""
+    """The cost of a network of a number of hosts."""
 
     hosts: int
     start_s: float
@@ -71,7 +71,7 @@ def controller_share(network: Network) -> float:
 
 
 def shared_memory_mb() -> float:
-    """Return the memory of all processes of this run: each page once, whoever shares it (PSS)."""
+    """Return the memory of all processes of this run: each shared page once (PSS)."""
     kib = 0
     for file in Path("/proc").glob("[0-9]*/smaps_rollup"):
         with suppress(ProcessLookupError, FileNotFoundError):  # it has ended

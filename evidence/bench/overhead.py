@@ -51,7 +51,7 @@ SAMPLERS: dict[str, Callable[[], Mapping[str, str]]] = {
 
 @dataclass(frozen=True)
 class Measured:
-    """What one run came to."""
+    """The figures of one run."""
 
     pairs_per_s: float
     packets_missed: int = 0  # by its captures, which then had less to do

@@ -104,7 +104,7 @@ def wait_until_closed(openings: Openings, before: int) -> None:
 
 
 def requests(count: int, receiver: str, source: str, openings: Openings) -> float:
-    """Have so many paths opened and closed again; return the seconds that all took."""
+    """Open and close `count` paths; return the seconds of all."""
     first = time.time_ns()  # sessions that nobody else has
     took_ns = 0
     for place in range(first, first + count):

@@ -110,9 +110,9 @@ def physical_layer_benchmarks() -> Iterator[tuple[str, str]]:
 
 
 async def speed(case: Case, blocks: int = BLOCKS) -> float:
-    """Return the pairs a second of the fastest of so many blocks: other programs take turns, too.
+    """Return the pairs a second of the fastest of several blocks: other programs take turns, too.
 
-    One more block goes before, so that its memory is there.
+    One more block goes before, which allocates memory.
     """
     scene = Scene(case)
     await scene.begin()

@@ -85,7 +85,7 @@ class Switch:
     """One connection to a controller, and what it asks for answered."""
 
     def __init__(self, dpid: int, ports: list[Port], heard: Callable[[bytes], None]) -> None:
-        """`heard` is told of each message that is not a question about the switch."""
+        """Call `heard` with each message that is not a question about the switch."""
         self.dpid, self._ports, self._heard = dpid, ports, heard
         self._framer = Framer()
 

@@ -1,6 +1,6 @@
 """Gates and measurements a second of one component, beside stim's Python calls in the same run.
 
-Both do the same random circuits: 2n gates (H, S and CX alike often, on qubits drawn anew),
+Both do the same random circuits: 2n gates (H, S and CX alike often, on new random qubits),
 then every qubit is measured, about half of which is certain.
 """
 
@@ -14,7 +14,7 @@ import stim
 
 from dispatcher.sabot.bit_columns import BitColumns
 
-CIRCUITS = {2: 2_000, 10: 400, 100: 20, 1_000: 1}  # of so many qubits
+CIRCUITS = {2: 2_000, 10: 400, 100: 20, 1_000: 1}  # by number of qubits
 TURNS = 3  # the load of a machine changes: both take turns, and the best counts
 SEED = 1
 

@@ -34,26 +34,26 @@ def key_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
         yield keys_one_after_another(network)
     with Network(topology, Runtime(log_folder=folder / "keys"), signals) as network:
         for protocol in PROTOCOLS:
-            told = one_session(network, protocol, count=SIFTED_BITS)
+            figures = one_session(network, protocol, count=SIFTED_BITS)
             yield (
-                f"{protocol}, QBER {told.qber:.4f}",
-                f"raw {told.raw_bits_per_s / 1e6:.2f} Mbit/s, "
-                f"sifted {told.sifted_bits_per_s / 1e6:.2f} Mbit/s, while light is sent",
+                f"{protocol}, QBER {figures.qber:.4f}",
+                f"raw {figures.raw_bits_per_s / 1e6:.2f} Mbit/s, "
+                f"sifted {figures.sifted_bits_per_s / 1e6:.2f} Mbit/s, while light is sent",
             )
-            yield "  with error correction and all", f"final key {final_key(told)}"
+            yield "  with error correction and all", f"final key {final_key(figures)}"
 
 
 def keys_one_after_another(network: Network) -> tuple[str, str]:
     before_s = processors_s(network)
-    told = one_session(network, PROTOCOLS[0], count=STREAM_BITS)
-    bit_us = (processors_s(network) - before_s) / told.key_bits * 1e6
-    text = f"{final_key(told)}, {bit_us:.2f} us of processors for each"
+    figures = one_session(network, PROTOCOLS[0], count=STREAM_BITS)
+    bit_us = (processors_s(network) - before_s) / figures.key_bits * 1e6
+    text = f"{final_key(figures)}, {bit_us:.2f} us of processors for each"
     return f"{PROTOCOLS[0]}, keys one after another", text
 
 
-def final_key(told: KeyFigures) -> str:
-    rate = f"{told.key_bits_per_s / 1e3:.0f} kbit/s"
-    return f"{rate}: {told.key_bits:,} bits in {told.elapsed_s:.1f} s"
+def final_key(figures: KeyFigures) -> str:
+    rate = f"{figures.key_bits_per_s / 1e3:.0f} kbit/s"
+    return f"{rate}: {figures.key_bits:,} bits in {figures.elapsed_s:.1f} s"
 
 
 def processors_s(network: Network) -> float:
@@ -68,12 +68,12 @@ def teleport_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, s
             NetworkSettings(backend=backend), log_folder=folder / f"teleport-{backend}"
         )
         with Network(partial(SdcTopo, depolarizing=DEPOLARIZING), runtime, signals) as network:
-            told = one_session(network, "teleport", count=STATES, state=state)
+            figures = one_session(network, "teleport", count=STATES, state=state)
         yield (
             f"teleport, {backend}",
-            f"{told.states_per_s:,.0f} qubits/s: {told.states:,} of {what} in "
-            f"{told.elapsed_s:.1f} s, fidelity {told.fidelity:.4f}, "
-            f"{told.waited_ms:.1f} ms for their bits",
+            f"{figures.states_per_s:,.0f} qubits/s: {figures.states:,} of {what} in "
+            f"{figures.elapsed_s:.1f} s, fidelity {figures.fidelity:.4f}, "
+            f"{figures.waited_ms:.1f} ms for their bits",
         )
 
 
@@ -82,16 +82,16 @@ def swap_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]
         topology = partial(RepeatersTopo, repeaters=repeaters)
         runtime = Runtime(log_folder=folder / f"repeaters-{repeaters}")
         with Network(topology, runtime, signals) as network:
-            told = one_session(network, "swap", count=PAIRS, sample=0)
+            figures = one_session(network, "swap", count=PAIRS, sample=0)
         plural = "s" if repeaters > 1 else ""
         yield (
             f"swapped by {repeaters} repeater{plural}",
-            f"{told.pairs_per_s:,.0f} pairs/s: {told.pairs:,} in {told.elapsed_s:.2f} s",
+            f"{figures.pairs_per_s:,.0f} pairs/s: {figures.pairs:,} in {figures.elapsed_s:.2f} s",
         )
 
 
 def one_session(network: Network, service: str, **options: Any) -> Any:
-    """Have alice ask bob for a service; return the figures of it that she is told at the end."""
+    """Have alice ask bob for a service; return her figures."""
     options["limit_s"] = MEASURE_TIMEOUT_S
     stacks = network.runtime.socket
     with blocking_session(stacks, service, ("alice", "bob"), PORT, **options) as session:

@@ -76,8 +76,8 @@ async def meet(values: Values, seed: int) -> Outcome:
         await alice.send({(block, half): way[0] for half, way in ways.items()})
         for half, way in ways.items():
             await bob.receive((block, half), way[1])
-        told = await bob.bell_measure((block, 0), (block, 1))
-        seen, pairs = seen + int(np.count_nonzero(told != NO_CLICK)), pairs + size
+        outcomes = await bob.bell_measure((block, 0), (block, 1))
+        seen, pairs = seen + int(np.count_nonzero(outcomes != NO_CLICK)), pairs + size
     return {"coincidences": proportion(seen, pairs)}
 
 

@@ -51,13 +51,13 @@ class Networks:
                     start_new_session=True,  # a Ctrl-C is ours to pass on
                 )
                 self._running.add(process)
-            said, complaints = process.communicate(json.dumps(asked))
+            output, complaints = process.communicate(json.dumps(asked))
         with self._lock:
             self._running.remove(process)
         if process.returncode:
             why = cause(complaints) or f"status {process.returncode}, without a word"
             raise SweepError(why)
-        measured: Measured = json.loads(said)
+        measured: Measured = json.loads(output)
         return measured
 
     def end(self) -> None:
@@ -77,7 +77,7 @@ def measure(runs: str, name: str, values: Values, seed: int) -> Measured:
 
 
 def in_networks(runs: Path, at_once: int, check: Callable[[], None]) -> Measurer:
-    """Return what measures so many points at a time here; `check` may end it by raising."""
+    """Return a measurer of `count` points at a time here; `check` may end it by raising."""
 
     def measurer(grid: Grid, points: Sequence[Values], seed: int) -> Iterator[Row]:
         name, networks = grid.experiment.name, Networks()

@@ -91,7 +91,7 @@ EXPERIMENTS: dict[str, Experiment] = {
 def measure(name: str, values: Values, seed: int) -> dict[str, tuple[float, float]]:
     """Run an experiment at one point; return value and standard error of each measure.
 
-    What happens depends on the experiment, the values and the seed, and on nothing else: not
+    Outcomes depend on the experiment, the values and the seed alone: not
     on the machine, nor on which points were measured before. This is what workers are asked.
     """
     run = EXPERIMENTS[name].run

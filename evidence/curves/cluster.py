@@ -1,4 +1,4 @@
-"""Points measured by Dask: in processes of this machine, or on a cluster that is there already.
+"""Points measured by Dask: in processes of this machine, or on an existing cluster.
 
 The local processes speak TLS with a key made for this run alone, on the loopback: nobody else
 on the machine can give them work.
@@ -29,7 +29,7 @@ Task = Callable[[str, Values, int], Measured]  # of a name, values and a seed
 
 @contextmanager
 def local_client(workers: int) -> Iterator[Client]:
-    """Start so many worker processes here; they end with this context."""
+    """Start worker processes here; they end with this context."""
     with (
         scratch_folder() as folder,
         LocalCluster(
@@ -119,7 +119,7 @@ def _result(future: Future[Measured], place: str) -> Measured:
 
 
 class _Workers:
-    """Notices when nobody is there to work."""
+    """Notices when there are no workers."""
 
     def __init__(self, client: Client) -> None:
         self._client = client

@@ -42,7 +42,7 @@ def _independent(length: int, wrong: float) -> Counts:
 
 
 def _dibits(dibits: int, p: float) -> Counts:
-    """Return the probability of one pattern with so many wrong dibits."""
+    """Return the probability of one pattern with a number of wrong dibits."""
     wrong = np.arange(dibits + 1)
     return (p / 4) ** wrong * (1 - 3 * p / 4) ** (dibits - wrong)
 

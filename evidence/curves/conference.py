@@ -101,7 +101,7 @@ def key(values: Values) -> float:
 def _far(values: Values) -> tuple[float, float]:
     """Return how likely all see a state, and how often it then has an error of either test.
 
-    A present qubit is told rightly with r and wrongly with w, a lost one with u as either bit.
+    A present qubit is measured rightly with r and wrongly with w, a lost one with u as either bit.
     Every lost one leaves the last bit, and the parity in X, to chance; each of N - 1 links has
     another bit, and another phase, with p/2. Of the 2 N - 2 readings, N decide about an error:
     in X those of all hosts, in Z those of the first, of the last and of all fusions between.
@@ -111,9 +111,9 @@ def _far(values: Values) -> tuple[float, float]:
     wrong = EFFICIENCY * dark / 2 + (1 - EFFICIENCY) * either
     right = EFFICIENCY * (1 - dark / 2) + (1 - EFFICIENCY) * either
     comes = theory.transmission(LOSS_DB_PER_KM * number(values, LENGTH.name))
-    told = right + wrong
-    gain = told**links * (comes * told + (1 - comes) * 2 * either) ** links
-    keeps = (comes * (1 - 2 * ERROR) * told) ** links * told**-1 * (right - wrong) ** (links + 1)
+    seen = right + wrong
+    gain = seen**links * (comes * seen + (1 - comes) * 2 * either) ** links
+    keeps = (comes * (1 - 2 * ERROR) * seen) ** links * seen**-1 * (right - wrong) ** (links + 1)
     return gain, (1 - keeps / gain) / 2
 
 

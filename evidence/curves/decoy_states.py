@@ -71,8 +71,8 @@ def key(decoys: Decoys, counts: Counts, pulses: int) -> Estimate:
 
     def rate(given: NDArray[Any]) -> float:
         sifted = Sifted(given[X].sum(axis=0), given[1 - X].sum(axis=0), given[1 - X][1])
-        told = CORRECTION * sifted.key.sum() * binary_entropy(given[X][1].sum() / sifted.key.sum())
-        return max(0.0, float(bounds(decoys, sifted, None).secret - told)) / pulses
+        leak = CORRECTION * sifted.key.sum() * binary_entropy(given[X][1].sum() / sifted.key.sum())
+        return max(0.0, float(bounds(decoys, sifted, None).secret - leak)) / pulses
 
     return of_counts(rate, counts)
 

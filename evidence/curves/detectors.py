@@ -40,7 +40,7 @@ async def count(values: Values, seed: int) -> Outcome:
         seen = await bob.measure((block, 0))
         clicks.append(int(np.count_nonzero(seen != NO_CLICK)))
         pulses.append(size)
-        # What the detector did in this train is over when the next one comes.
+        # Effects on the detector end before the next train.
         await laboratory.wait(number(values, DEAD_TIME.name))
     return {"clicks": ratio(clicks, pulses)}
 

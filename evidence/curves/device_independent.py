@@ -32,7 +32,7 @@ def entropy(s: float) -> float:
 
 
 def random_basis_entropy(s: float) -> float:
-    """Return the same on average over her two bases of the CHSH test, told afterwards.
+    """Return the same on average over her two bases of the CHSH test, announced afterwards.
 
     The least of what Bell-diagonal pairs and settings in a plane leave, or of a mixture of those
     with S = 2, of which all may be known.
@@ -60,7 +60,7 @@ def _mixed() -> tuple[float, float]:
 def _unmixed(s: float) -> float:
     """Return the least entropy of pairs that are all alike.
 
-    Pairs keep t1 and t2 of correlations along two axes, and whoever made them knows as much as
+    Pairs keep t1 and t2 of correlations along two axes, and their maker knows as much as
     that tells: of all such pairs the entropy is largest, h((1 + t1)/2) + h((1 + t2)/2). Alice's
     settings are as far on either side of the first axis, so that S = 2 (t1 cos a + t2 sin a).
     """
@@ -89,7 +89,7 @@ def wins(s: float) -> float:
 
 @dataclass(frozen=True)
 class Rounds:
-    """A protocol of so many rounds, of which a part is tested, for pairs with S and error rate."""
+    """A protocol of rounds, of which a part is tested, for pairs with S and error rate."""
 
     count: int
     tested: float
@@ -106,7 +106,7 @@ class Rounds:
 
     @property
     def syndrome(self) -> float:
-        """Return how many bits are told to correct errors."""
+        """Return how many bits are disclosed to correct errors."""
         wrong = (1 - self.tested) * binary_entropy(self.qber)
         wrong += self.tested * binary_entropy(1 - wins(self.s))
         return self.count * wrong + 50 * sqrt(self.count)
@@ -137,7 +137,7 @@ class Rounds:
         one, two = smooth * part[4], smooth * (1 - part[4]) / 2 * part[5]
         slope, height = _slope(tangent), entropy(8 * tangent - 4)
         most, least = (height + (won - tangent) * slope for won in (1.0, LOST))
-        told = height + (self.threshold - tangent) * slope  # g_t at the threshold
+        tangent_at = height + (self.threshold - tangent) * slope  # g_t at the threshold
         lost = most - slope / self.tested  # f_t of a game that is lost
         games, left_of_games = _games()
         losses = self.tested * (1 - games)
@@ -146,7 +146,7 @@ class Rounds:
         beyond -= first * log(2) / 2 * (log2(33) + np.sqrt(2 + spread)) ** 2
         range_ = 2 + most - least
         third = 2 ** (first * range_) * log(2**range_ + e**2) ** 3 / (6 * (1 - first) ** 3 * log(2))
-        rounds = told + beyond.min() - first**2 * third - self.tested - second * log2(5) ** 2
+        rounds = tangent_at + beyond.min() - first**2 * third - self.tested - second * log2(5) ** 2
         chance = log2(1 / whole)
         left = self.count * rounds - 3 * _theta(smooth - one - 2 * two)
         left -= (_theta(one) + (1 + first) * chance) / first

@@ -22,7 +22,7 @@ class Measure:
     label: str
     theory: Callable[[Values], float | None] = lambda _values: None
     logarithmic: bool = False
-    # Another measure of the experiment that it is drawn over; theory is told its value, too.
+    # Another measure of the experiment that it is drawn over; theory gets its value, too.
     over: Parameter | None = None
 
     def place(self, values: Values, outcome: Outcome) -> Values:
@@ -45,9 +45,9 @@ class Experiment:
     measures: tuple[Measure, ...]
     # On the physical layer alone; None: only in an emulated network.
     run: Callable[[Values, int], Coroutine[None, None, Outcome]] | None = None
-    # What the values that are given say of others; the rest is at its default.
+    # Values implied by the given ones; the rest is at its default.
     implied: Callable[[Values], Values] = lambda _given: {}
-    # Parameters that the network is not told, at their defaults here: it may have others.
+    # Parameters that the network does not get, at their defaults here: it may have others.
     unsaid: Callable[[Values], Collection[str]] = lambda _values: ()
     # Numbers of an outcome that tell how a point was measured: columns of their own, no figures.
     circumstances: tuple[str, ...] = ()

@@ -53,7 +53,7 @@ class Limit(NamedTuple):
 
 @dataclass(frozen=True)
 class Picture:
-    """What one figure shows."""
+    """The content of one figure."""
 
     title: str
     x: Parameter

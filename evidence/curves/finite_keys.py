@@ -31,13 +31,13 @@ SOME = 100.0  # above whatever is not a key
 
 
 def best_rate(block: float, length_km: float) -> float:
-    """Return the secret bits of a pulse where so many bits of basis X are sifted; 0: no key."""
+    """Return the secret bits of a pulse by bits sifted in basis X; 0: no key."""
     best = max(_best_merits(block, length_km))
     return 2 ** (best - SOME) if best > 0 else 0.0
 
 
 def reach(block: float) -> float:
-    """Return how far (km) keys of so many bits go, to a tenth of a kilometre; from 0 km on."""
+    """Return how far (km) keys of a number of bits go, to a tenth of a kilometre; from 0 km on."""
     near, far = 0.0, FARTHEST_KM
     while far - near > 0.1:
         middle = (near + far) / 2

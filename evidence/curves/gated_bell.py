@@ -14,20 +14,20 @@ from evidence.curves.superdense import blocks
 from wire.parameters.physics import BellAnalyser, Device, Gates
 
 ONE, TWO = (Parameter(f"{gate}_qubit_depolarizing", 0.0) for gate in ("one", "two"))
-STATES = {"psi_plus": 1, "phi_minus": 2, "psi_minus": 3}  # what is told wrongly
+STATES = {"psi_plus": 1, "phi_minus": 2, "psi_minus": 3}  # wrong outcomes
 
 
 async def tell(values: Values, seed: int) -> Outcome:
-    """Measure perfect pairs; count which Bell states are told."""
+    """Measure perfect pairs; count the Bell states found."""
     gates = Gates("any", number(values, ONE.name), number(values, TWO.name))
     device = Device(gates=gates, analyser=BellAnalyser("gates"))
     alice = Laboratory(configuration(seed, [], {"alice": device})).host("alice")
-    told = np.zeros(4, np.int64)
+    counts = np.zeros(4, np.int64)
     for block, size in enumerate(blocks(int(values["pairs"]))):
         await alice.create(size, block)
-        told += np.bincount(await alice.bell_measure((block, 0), (block, 1)), minlength=4)
-    pairs = int(told.sum())
-    return {name: proportion(int(told[state]), pairs) for name, state in STATES.items()}
+        counts += np.bincount(await alice.bell_measure((block, 0), (block, 1)), minlength=4)
+    pairs = int(counts.sum())
+    return {name: proportion(int(counts[state]), pairs) for name, state in STATES.items()}
 
 
 def expected(state: int, values: Values) -> float:

@@ -43,8 +43,8 @@ async def swap(values: Values, seed: int) -> Outcome:
         for name, block in blocks.items():
             await laboratory.host(name).store((block, 1))
         first, second = blocks.values()
-        told = await repeater.bell_measure((first, 0), (second, 0))
-        await laboratory.host("bob").apply((second, 1), told)
+        outcomes = await repeater.bell_measure((first, 0), (second, 0))
+        await laboratory.host("bob").apply((second, 1), outcomes)
         mine, yours = [
             await laboratory.host(name).measure((block, 1), basis) for name, block in blocks.items()
         ]

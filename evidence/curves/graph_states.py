@@ -44,8 +44,8 @@ async def fuse(values: Values, seed: int) -> Outcome:
             for host, name, own in zip(hosts, kept, bases, strict=True)
         ]
         tally.add(bases, np.vstack(found))
-    told = tally.summary()
-    return {"fidelity": Estimate(told["fidelity"], told["fidelity_error"])}
+    summary = tally.summary()
+    return {"fidelity": Estimate(summary["fidelity"], summary["fidelity_error"])}
 
 
 def _graph(values: Values) -> Graph:

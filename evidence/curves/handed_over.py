@@ -1,6 +1,6 @@
 """Pairs that wait in memories after a sample of them was measured, until they are handed over.
 
-What was estimated of the sample is told as it was, and as it is expected at delivery.
+The sample's estimate is given as measured, and as expected at delivery.
 """
 
 import math

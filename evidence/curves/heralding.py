@@ -47,21 +47,21 @@ async def herald(values: Values, seed: int) -> Outcome:
     for half, (host, (port, _far)) in enumerate(WAYS.items()):
         await laboratory.host(host).attempt((0, half), port)
     found = await laboratory.host("charlie").herald(count, ("charlie-q0", "charlie-q1"), MAX_S)
-    told = np.frombuffer(found.outcomes, np.uint8)
-    each = proportion(told.size, found.attempts)
+    heralds = np.frombuffer(found.outcomes, np.uint8)
+    each = proportion(heralds.size, found.attempts)
     per_s = found.attempts / emitter.modes / ((found.last_ns - found.first_ns) / 1e9)
     rate = Estimate(each.value * per_s, each.error * per_s)
-    return {"rate": rate, "fidelity": await _fidelity(laboratory, told)}
+    return {"rate": rate, "fidelity": await _fidelity(laboratory, heralds)}
 
 
-async def _fidelity(laboratory: Laboratory, told: np.ndarray) -> Estimate:
-    """Return the fidelity to the Bell state told, from a third of the pairs in each basis."""
-    bases = (np.arange(told.size) % 3).astype(np.uint8)
+async def _fidelity(laboratory: Laboratory, heralds: np.ndarray) -> Estimate:
+    """Return the fidelity to the heralded Bell state, from a third of the pairs in each basis."""
+    bases = (np.arange(heralds.size) % 3).astype(np.uint8)
     mine, yours = [
         await laboratory.host(host).measure((0, half), bases=bases)
         for half, host in enumerate(WAYS)
     ]
-    differ = np.where(bases == 0, 1, told == PSI_MINUS)  # Psi+ is alike in X and Y, not in Z
+    differ = np.where(bases == 0, 1, heralds == PSI_MINUS)  # Psi+ is alike in X and Y, not in Z
     right = (mine ^ yours) == differ
     shares = [proportion(int(right[bases == b].sum()), int((bases == b).sum())) for b in range(3)]
     value = (1 + sum(2 * share.value - 1 for share in shares)) / 4

@@ -80,7 +80,7 @@ def _missed(source: PairSource, arrives: float) -> float:
 
 
 def _seen(values: Values) -> tuple[float, float]:
-    """Return how likely a pulse is seen, and told wrongly, in theory; detectors are alike."""
+    """Return how likely a pulse is seen, and seen wrongly, in theory; detectors are alike."""
     arrives = EFFICIENCY * theory.transmission(LOSS_DB_PER_KM * number(values, LENGTH.name))
     source, quiet = source_of(values), 1 - DARK_COUNT
     right, wrong = (quiet * _missed(source, arrives * e) for e in (1 - ERROR, ERROR))

@@ -19,7 +19,7 @@ from controller_apps.sessions.arbiter import Arbiter
 from evidence.curves.contention import FOR_EVER_S, batched
 from evidence.curves.experiment import Experiment, Measure, Outcome, number
 from evidence.curves.parameters import Parameter, Values
-from evidence.traffic.counted import Asked, CountedTime, Told
+from evidence.traffic.counted import Asked, CountedTime, Fate
 from evidence.traffic.erlang import blocked_on_links, kaufman_roberts
 from wire.metadata.vocabulary import Service
 from wire.optical import ANY_PORT, PathOptics
@@ -44,7 +44,7 @@ class Class:
 
 
 def chain(switches: int, channels: int) -> Network:
-    """Return switches in a row as they would have been discovered, with so many fibres between."""
+    """Return switches in a row as discovered, with `fibers` fibres between."""
     network = Network(set(range(1, switches + 1)))
     for dpid in range(1, switches + 1):
         network.optics.take(dpid, SwitchOptics(PathOptics(ANY_PORT, ANY_PORT, 0, 0)))
@@ -71,8 +71,8 @@ def attached(network: Network, dpid: int, place: int) -> str:
     return address
 
 
-def contend(network: Network, classes: Sequence[Class], count: int, seed: int) -> list[list[Told]]:
-    """Ask for so many sessions; return what becomes of each, by class in order of time."""
+def contend(network: Network, classes: Sequence[Class], count: int, seed: int) -> list[list[Fate]]:
+    """Ask for `count` sessions; return the fate of each, by class in order of time."""
     random, now = Random(seed), 0.0  # noqa: S311
     requests: list[tuple[int, Asked]] = []
     for turn in range(count):
@@ -81,9 +81,9 @@ def contend(network: Network, classes: Sequence[Class], count: int, seed: int) -
         hosts = hosts_of(network, classes, kind, turn % HOSTS)
         requests.append((kind, asked(classes[kind], hosts, now, random.expovariate(1.0))))
     arbiter = Arbiter(network, FOR_EVER_S, FOR_EVER_S)
-    told = CountedTime(arbiter).run([each for _kind, each in requests])
-    found: list[list[Told]] = [[] for _ in classes]
-    for (kind, _asked), each in zip(requests, told, strict=True):
+    fates = CountedTime(arbiter).run([each for _kind, each in requests])
+    found: list[list[Fate]] = [[] for _ in classes]
+    for (kind, _asked), each in zip(requests, fates, strict=True):
         found[kind].append(each)
     return found
 
@@ -101,10 +101,10 @@ def asked(own: Class, hosts: tuple[str, ...], now: float, holding_s: float) -> A
     return Asked(now, opener, acceptor, holding_s, source=source, service=own.service)
 
 
-def blocked(told: Sequence[Told]) -> Outcome:
+def blocked(fates: Sequence[Fate]) -> Outcome:
     """Return the share of a class that is refused."""
-    refused = {number: 1.0 for number, each in enumerate(told, 1) if each.reason}
-    return {"blocked": batched(len(told), refused)}
+    refused = {number: 1.0 for number, each in enumerate(fates, 1) if each.reason}
+    return {"blocked": batched(len(fates), refused)}
 
 
 def classes_of_chain(values: Values) -> list[Class]:
@@ -114,7 +114,7 @@ def classes_of_chain(values: Values) -> list[Class]:
 
 
 def routes(values: Values) -> tuple[list[float], list[Sequence[int]], list[int]]:
-    """Return what theory is told of the chain: loads, the links of each class, their fibres."""
+    """Return the chain as theory takes it: loads, the links of each class, their fibres."""
     classes, links = classes_of_chain(values), int(values[LINKS.name])
     ways: list[Sequence[int]] = [range(each.begin - 1, each.end - 1) for each in classes]
     return [each.load for each in classes], ways, [int(values[CHANNELS.name])] * links

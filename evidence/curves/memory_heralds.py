@@ -13,14 +13,14 @@ from wire.outcomes import NO_CLICK
 from wire.parameters.physics import Device, Memory
 
 LOSS = Parameter("loss_db", 0.0, 0.0, 100.0, "dB")
-TOLD = Parameter("herald_efficiency", 1.0, 0.0, 1.0)
+HERALDED = Parameter("herald_efficiency", 1.0, 0.0, 1.0)
 FALSE = Parameter("false_herald", 0.0, 0.0, 1.0)
 
 
 async def store(values: Values, seed: int) -> Outcome:
-    """Store what comes of photons; count those that are heralded, and of these those there."""
+    """Store photons that arrive; count those that are heralded, and of these those there."""
     memory = Memory(
-        herald_efficiency=number(values, TOLD.name), false_herald=number(values, FALSE.name)
+        herald_efficiency=number(values, HERALDED.name), false_herald=number(values, FALSE.name)
     )
     network = configuration(
         seed,
@@ -36,17 +36,17 @@ async def store(values: Values, seed: int) -> Outcome:
         sent += size
         if await bob.receive((block, 1), TESTED[1]) is None:
             continue
-        told = np.frombuffer((await bob.store((block, 1))).arrived, np.uint8) > 0
+        heralds = np.frombuffer((await bob.store((block, 1))).arrived, np.uint8) > 0
         found = await bob.measure((block, 1))
-        heralded += int(np.count_nonzero(told))
-        there += int(np.count_nonzero(told & (found != NO_CLICK)))
+        heralded += int(np.count_nonzero(heralds))
+        there += int(np.count_nonzero(heralds & (found != NO_CLICK)))
     return {"heralded": proportion(heralded, sent), "there": proportion(there, heralded)}
 
 
 def _heralded(values: Values) -> tuple[float, float]:
     """Return of which share of the photons a herald tells that came, and of which that did not."""
     passes = theory.transmission(number(values, LOSS.name))
-    return passes * number(values, TOLD.name), (1 - passes) * number(values, FALSE.name)
+    return passes * number(values, HERALDED.name), (1 - passes) * number(values, FALSE.name)
 
 
 def right(values: Values) -> float:
@@ -57,7 +57,7 @@ def right(values: Values) -> float:
 MEMORY_HERALDS = Experiment(
     "memory-heralds",
     "heralds of a memory that takes in light",
-    (LOSS, TOLD, FALSE, pairs_parameter(1_000_000)),
+    (LOSS, HERALDED, FALSE, pairs_parameter(1_000_000)),
     (
         Measure("heralded", "photons that are heralded", lambda values: sum(_heralded(values))),
         Measure("there", "heralded photons that are there", right),

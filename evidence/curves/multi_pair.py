@@ -44,9 +44,9 @@ async def compare(values: Values, seed: int) -> Outcome:
             came = await host.receive((block, half), way[1])
             none = np.full(size, NO_CLICK, np.uint8)
             seen.append(none if came is None else await host.measure((block, half)))
-        told = (seen[0] != NO_CLICK) & (seen[1] != NO_CLICK)
-        pulses, both = pulses + size, both + int(np.count_nonzero(told))
-        wrong += int(np.count_nonzero(told & (seen[0] != seen[1])))
+        coincident = (seen[0] != NO_CLICK) & (seen[1] != NO_CLICK)
+        pulses, both = pulses + size, both + int(np.count_nonzero(coincident))
+        wrong += int(np.count_nonzero(coincident & (seen[0] != seen[1])))
     return {"qber": proportion(wrong, both), "coincidences": proportion(both, pulses)}
 
 

@@ -83,11 +83,11 @@ class Chain:
     ) -> int:
         """Do a round at both ends; return how many pairs are left."""
         names = [BlockName(SESSION, block, half) for half, block in enumerate(blocks)]
-        told = [
+        outcomes = [
             await self.nodes[end].perform(purify(name, pairs, protocol, blocks[0]))
             for end, name in zip(ends, names, strict=True)
         ]
-        agreed = np.flatnonzero(told[0] == told[1])
+        agreed = np.flatnonzero(outcomes[0] == outcomes[1])
         for end, name in zip(ends, names, strict=True):
             await self.nodes[end].gather(name, {name: agreed})
         return agreed.size
@@ -100,8 +100,8 @@ class Chain:
                 name = BlockName(SESSION, span.blocks[half], half)
                 await self.nodes[end].gather(name, {name: np.arange(pairs)})
         middle = self.nodes[left.ends[1]].host
-        told = await middle.bell_measure((left.blocks[1], 1), (right.blocks[0], 0))
-        await self.nodes[right.ends[1]].host.apply((right.blocks[1], 1), told)
+        outcomes = await middle.bell_measure((left.blocks[1], 1), (right.blocks[0], 0))
+        await self.nodes[right.ends[1]].host.apply((right.blocks[1], 1), outcomes)
         return Span((left.ends[0], right.ends[1]), (left.blocks[0], right.blocks[1]), pairs)
 
     async def span(self, first: int, last: int, pairs: int, rounds: int, block: int) -> "Span":

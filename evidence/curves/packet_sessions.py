@@ -15,7 +15,7 @@ from evidence.curves.contention import FOR_EVER_S
 from evidence.curves.estimates import Estimate, mean_of_draws, proportion
 from evidence.curves.packets import Application, Pairs
 from evidence.curves.scheduling import address, away, network_of
-from evidence.traffic.counted import Asked, CountedTime, Told
+from evidence.traffic.counted import Asked, CountedTime, Fate
 from evidence.traffic.plan import Planned
 from topologies.catalogue.maps import Map
 from wire.results.run_result import ACCEPTED, LoadSession
@@ -48,7 +48,7 @@ def as_sessions(
     return sorted(found, key=lambda each: each.at_s)
 
 
-def counted(read: Map, planned: Sequence[Planned], queue: Queue, signalling: float) -> list[Told]:
+def counted(read: Map, planned: Sequence[Planned], queue: Queue, signalling: float) -> list[Fate]:
     """Return what becomes of sessions in counted time, of hosts as topologies/mapped.py has them.
 
     Messages take `signalling` times as long as light in the map's fibres.
@@ -70,9 +70,9 @@ def counted(read: Map, planned: Sequence[Planned], queue: Queue, signalling: flo
     return CountedTime(arbiter, away_s.__getitem__).run(asked)
 
 
-def of_counted(told: Iterable[Told]) -> tuple[Estimate, Estimate]:
+def of_counted(fates: Iterable[Fate]) -> tuple[Estimate, Estimate]:
     """Return which share was made, and how long that took from release on (s)."""
-    waits = [(each.waited_s if each.used else None, each.asked.holding_s) for each in told]
+    waits = [(each.waited_s if each.used else None, each.asked.holding_s) for each in fates]
     return _outcome(waits)
 
 

@@ -24,7 +24,7 @@ from controller_apps.policy.schedules import Queue
 from controller_apps.sessions.arbiter import Arbiter
 from evidence.curves.contention import FOR_EVER_S
 from evidence.curves.scheduling import away, network_of
-from evidence.traffic.counted import Asked, CountedTime, Told
+from evidence.traffic.counted import Asked, CountedTime, Fate
 from topologies.catalogue.maps import Map
 
 ROUNDING_S = 1e-9
@@ -116,7 +116,7 @@ def timetable(applications: Sequence[Application], pairs: Pairs) -> list[float] 
 
 @dataclass
 class Requests:
-    """What applications ask for until each has its packets.
+    """Requests of applications until each has its packets.
 
     Online packets are released as a Poisson process each, and tried again while there is time; by
     a timetable they are released in each period, and tried once.
@@ -143,13 +143,13 @@ class Requests:
         found = (self._released(number, 0.0) for number in range(len(self.applications)))
         return [asked for asked in found if asked is not None]
 
-    def then(self, told: Told, now: float) -> Asked | None:
-        number = application_of(told.asked)
+    def then(self, fate: Fate, now: float) -> Asked | None:
+        number = application_of(fate.asked)
         own = self.applications[number]
-        if told.used and own.succeeds:
+        if fate.used and own.succeeds:
             own.packets += 1
             self.turnarounds_s.append(now - own.released_s)
-        elif told.used and self.starts is None:
+        elif fate.used and self.starts is None:
             again = self._attempt(number, now + ROUNDING_S)  # behind those that wait already
             if again is not None:
                 return again

@@ -129,10 +129,10 @@ async def _made(values: Values, seeds: np.random.SeedSequence) -> int:
 
 
 def expected(values: Values) -> float:
-    """Return the mean, enumerated over all that can come of each block of light.
+    """Return the mean, enumerated over all outcomes of each block of light.
 
     Asked for is what is missing of pairs and sample, by what has come so far, with one in twenty
-    and a pair to spare; four times as much again while nothing has come. What is not wanted is
+    and a pair to spare; four times as much again until the first arrives. Surplus pairs are
     sampled, until there are enough of either, and of each block the share of --sample at least.
     """
     passes = 10 ** (-number(values, LOSS.name) / 10)
@@ -167,7 +167,7 @@ def _mean(wanted: int, share_: float, passes: float) -> float:
 
 @cache
 def _binomial(size: int, passes: float) -> list[tuple[int, float]]:
-    """Return how many of so many come, and how likely, without what hardly ever happens."""
+    """Return how many of a block arrive, and how likely, without improbable numbers."""
     from scipy.stats import binom  # takes a second, which few need
 
     come = enumerate(binom.pmf(np.arange(size + 1), size, passes).tolist())

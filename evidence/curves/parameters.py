@@ -45,7 +45,7 @@ class Parameter:
 
     @property
     def range(self) -> str:
-        """What may be chosen, in words."""
+        """The allowed values, in words."""
         if self.text:
             return self.text
         if self.choices:
@@ -64,7 +64,7 @@ class Parameter:
         endings = (ending for ending, unit in UNITS if unit == self.unit)
         return self.name.removesuffix(next(endings, "")).replace("_", " ")
 
-    def said(self, value: Value) -> str:
+    def formatted(self, value: Value) -> str:
         number = f"{value:g}" if isinstance(value, float) else f"{value}"
         return f"{self.words} {number} {self.unit}".rstrip()
 
@@ -122,7 +122,7 @@ class Parameter:
             raise BadGrid(f"{self.name} {text}: a logarithmic scale has no 0")
         spaced = (np.geomspace if logarithmic else np.linspace)(first, last, int(count))
         spaced = np.rint(spaced) if self.whole else spaced
-        # What is typed as .3 shall not come out as .30000000000000004.
+        # .3 as typed shall not become .30000000000000004.
         return [float(f"{number:.12g}") for number in spaced]
 
     def _bad(self, given: object) -> BadGrid:

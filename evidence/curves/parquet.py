@@ -11,7 +11,7 @@ def write_parquet(table: Path) -> Path | None:
         from pyarrow import csv, parquet
     except ImportError:
         return None
-    # What is empty is null, also in a column of texts; the first row has the names.
+    # Empty cells are null, also in a column of texts; the first row has the names.
     options = csv.ConvertOptions(strings_can_be_null=True)
     file = table.with_suffix(".parquet")
     parquet.write_table(csv.read_csv(table, convert_options=options), file)

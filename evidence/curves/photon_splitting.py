@@ -3,7 +3,7 @@
     alice === eve === bob          what alice and bob take for loss is what eve makes of it
 
 She keeps a photon of each pulse of several, sends on only as many pulses as are expected, and
-measures hers when the bases are told (Brassard, Luetkenhaus, Mor, Sanders 2000).
+measures hers when the bases are announced (Brassard, Luetkenhaus, Mor, Sanders 2000).
 """
 
 import numpy as np

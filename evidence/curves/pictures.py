@@ -47,6 +47,6 @@ def horizontal(grid: Grid) -> Parameter | None:
 def series(rows: Rows, by: Sequence[Parameter], measure: str) -> list[tuple[str, list[Point]]]:
     groups: dict[str, list[tuple[Values, Estimate]]] = {}
     for values, outcome in rows:
-        label = ", ".join(each.said(values[each.name]) for each in by)
+        label = ", ".join(each.formatted(values[each.name]) for each in by)
         groups.setdefault(label, []).append((values, outcome[measure]))
     return list(groups.items())

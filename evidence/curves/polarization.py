@@ -1,4 +1,4 @@
-"""Polarisation behind a fibre: how often a basis is told wrongly.
+"""Polarisation behind a fibre: how often a basis is seen wrongly.
 
 The fibre turns it about any axis, or lets two polarisations fare differently.
 """

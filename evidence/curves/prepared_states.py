@@ -20,7 +20,7 @@ Listen = Callable[[int, "Block"], Awaitable[None]]
 
 @dataclass(frozen=True)
 class Block:
-    """What was sent and seen of a block of pulses: arrays of shape (pulses,)."""
+    """The bits sent and seen of a block of pulses: arrays of shape (pulses,)."""
 
     states: Bytes
     bases: Bytes  # of bob
@@ -72,7 +72,7 @@ async def exchange(
     """Send pulses from alice, by `path` to bob, and count them.
 
     Pulses have levels with these shares, or one. `forward` carries each block on at a host between
-    the two; `listen` gets what came of it.
+    the two; `listen` gets the outcome.
     """
     alice, bob = laboratory.host("alice"), laboratory.host("bob")
     found = Exchange(len(shares) or 1)

@@ -19,7 +19,7 @@ CLICKS = {"Psi+": ((0, 1), (2, 3)), "Psi-": ((0, 3), (2, 1))}  # of c H, c V, d 
 
 
 def rectilinear(a: float, b: float, dark: float, error: float) -> tuple[float, float]:
-    """Return how likely pulses in Z bases are told of, and with bits that do not fit."""
+    """Return how likely pulses in Z bases are announced, and with bits that do not fit."""
     both = (1 - dark) ** 2 * exp(-(a + b) / 2)
     right = 2 * both * (1 - (1 - dark) * exp(-a / 2)) * (1 - (1 - dark) * exp(-b / 2))
     bessel = float(np.i0((a * b) ** 0.5))
@@ -37,16 +37,16 @@ def diagonal(a: float, b: float, dark: float, error: float) -> tuple[float, floa
 def single_photons(a: float, b: float, dark: float, error: float) -> tuple[float, float]:
     """Return the same of one photon in each arm, either basis; a, b: how likely each is seen."""
     none = (1 - dark) ** 2
-    told = none * (a * b / 2 + (2 * a + 2 * b - 3 * a * b) * dark + 4 * (1 - a) * (1 - b) * dark**2)
-    return told, told / 2 - (1 / 2 - error) * none * a * b / 2
+    gain = none * (a * b / 2 + (2 * a + 2 * b - 3 * a * b) * dark + 4 * (1 - a) * (1 - b) * dark**2)
+    return gain, gain / 2 - (1 / 2 - error) * none * a * b / 2
 
 
 def endless_key(mean: float, arrives: float, dark: float, error: float, correction: float) -> float:
     """Return the secret bits of a signal pulse of Z in both arms, photon numbers being known."""
-    told, wrong = single_photons(arrives, arrives, dark, error)
+    announced, wrong = single_photons(arrives, arrives, dark, error)
     gain, differ = rectilinear(mean * arrives, mean * arrives, dark, error)
-    single = (mean * exp(-mean)) ** 2 * told
-    spread = entropy((wrong / told, 1 - wrong / told))
+    single = (mean * exp(-mean)) ** 2 * announced
+    spread = entropy((wrong / announced, 1 - wrong / announced))
     leak = correction * gain * entropy((differ / gain, 1 - differ / gain))
     return max(0.0, single * (1 - spread) - leak)
 
@@ -68,17 +68,17 @@ def decoy_key(means: tuple[float, ...], in_z: Gains, in_x: Gains, correction: fl
         gaps = (signal - vacuum) ** 2 * (weak - vacuum) ** 2 * (signal - weak)
         return (by_weak - by_signal) / gaps
 
-    told = signal**2 * exp(-2 * signal) * single(in_z)
+    announced = signal**2 * exp(-2 * signal) * single(in_z)
     errs = min(0.5, difference(in_x, 1, 1) / (weak - vacuum) ** 2 / single(in_x))
     gain, wrong = in_z[0, 0]
     leak = correction * gain * entropy((wrong / gain, 1 - wrong / gain))
-    return max(0.0, told * (1 - entropy((errs, 1 - errs))) - leak)
+    return max(0.0, announced * (1 - entropy((errs, 1 - errs))) - leak)
 
 
 def clicks(
     first: NDArray[np.complex128], second: NDArray[np.complex128], dark: float
 ) -> dict[str, float]:
-    """Return how likely Psi+ and Psi- are told, by the mean over the phase between two pulses.
+    """Return how likely Psi+ and Psi- are found, by the mean over the phase between two pulses.
 
     Amplitudes of H and V, shape (2,) each. No formula of the papers is used: light of a phase
     that is known makes each detector click for itself.
@@ -86,11 +86,11 @@ def clicks(
     turned = second[:, None] * np.exp(2j * np.pi * np.arange(PHASES) / PHASES)
     mean = np.concatenate([abs(first[:, None] + turned) ** 2, abs(first[:, None] - turned) ** 2])
     silent = (1 - dark) * np.exp(-mean / 2)
-    told = {}
+    announced = {}
     for state, ways in CLICKS.items():
         chances = np.zeros(PHASES)
         for way in ways:
             others = [mode for mode in range(4) if mode not in way]
             chances += np.prod(1 - silent[list(way)], axis=0) * np.prod(silent[others], axis=0)
-        told[state] = float(chances.mean())
-    return told
+        announced[state] = float(chances.mean())
+    return announced

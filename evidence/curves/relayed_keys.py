@@ -40,7 +40,7 @@ Counts = NDArray[np.int64]  # by basis, right and wrong, alice's level, and bob'
 
 
 async def meet(values: Values, seed: int) -> Outcome:
-    """Send pulses of three intensities from both ends, in states of Z and X; sift what is told."""
+    """Send pulses of three intensities from both ends, in Z and X; sift what charlie announces."""
     decoys = decoys_of(values)
     laboratory = Laboratory(configuration(seed, fibers(values), devices(decoys)))
     hosts = [laboratory.host(name) for name in ("alice", "bob")]
@@ -79,10 +79,10 @@ async def sifted(
     came = [await charlie.receive(name, way[1]) for name, way in zip(names, WAYS, strict=True)]
     if None in came:
         return np.zeros(states.shape[1], bool), np.zeros(0, np.uint8)
-    told = await charlie.bell_measure(names[0], names[1])
-    kept = (bases[0] == bases[1]) & (told != NO_COINCIDENCE)
+    outcomes = await charlie.bell_measure(names[0], names[1])
+    kept = (bases[0] == bases[1]) & (outcomes != NO_COINCIDENCE)
     bits = states[:, kept] & np.uint8(1)
-    return kept, bits[0] ^ fitting(bits[1], bases[1][kept], told[kept])
+    return kept, bits[0] ^ fitting(bits[1], bases[1][kept], outcomes[kept])
 
 
 def decoys_of(values: Values) -> Decoys:
@@ -115,9 +115,9 @@ def key(decoys: Decoys, counts: Counts, pulses: int) -> Estimate:
     def rate(given: NDArray[Any]) -> float:
         sifted = PairSifted(given[Z].sum(axis=0), given[X].sum(axis=0), given[X, 1])
         signal = given[Z, :, 0, 0]
-        told = CORRECTION * signal.sum() * binary_entropy(signal[1] / signal.sum())
+        leak = CORRECTION * signal.sum() * binary_entropy(signal[1] / signal.sum())
         secret = bounds((decoys, decoys), sifted, None).secret * share**2
-        return float(secret - told) / pulses
+        return float(secret - leak) / pulses
 
     found = of_counts(rate, counts)
     return replace(found, value=max(0.0, found.value))

@@ -47,7 +47,7 @@ Counts = NDArray[np.int64]  # by basis, right and wrong, and whether both pulses
 
 
 async def meet(values: Values, seed: int) -> Outcome:
-    """Send pulses from both ends, in states of Z and X; sift what is told."""
+    """Send pulses from both ends, in states of Z and X; sift announced pulses."""
     source = Device(source_of(values))
     devices = {"alice": source, "bob": source, "charlie": relay()}
     laboratory = Laboratory(configuration(seed, fibers(values), devices))
@@ -99,11 +99,11 @@ def key(counts: Counts, sent: int) -> Estimate:
     """Return the secret bits of a pair of pulses in Z; its error is propagated."""
 
     def rate(given: NDArray[Any]) -> float:
-        told, single = given[Z].sum(axis=1), given[:, :, 1]
+        announced, single = given[Z].sum(axis=1), given[:, :, 1]
         if not single[Z].sum() or not single[X].sum():
             return 0.0
         secret = single[Z].sum() * (1 - binary_entropy(single[X, 1] / single[X].sum()))
-        leak = CORRECTION * told.sum() * binary_entropy(told[1] / told.sum())
+        leak = CORRECTION * announced.sum() * binary_entropy(announced[1] / announced.sum())
         return float(secret - leak) / sent
 
     found = of_counts(rate, counts)
@@ -137,7 +137,7 @@ def _mixture(values: Values) -> list[tuple[float, float]]:
     ]
 
 
-def _told(values: Values, basis: int) -> tuple[float, float]:
+def _announced(values: Values, basis: int) -> tuple[float, float]:
     return _of_mixture(tuple(_mixture(values)), _arrives(values), basis)
 
 
@@ -145,11 +145,11 @@ def _told(values: Values, basis: int) -> tuple[float, float]:
 def _of_mixture(
     mixture: tuple[tuple[float, float], ...], seen: float, basis: int
 ) -> tuple[float, float]:
-    formula, told, wrong = (relay_theory.rectilinear, relay_theory.diagonal)[basis], 0.0, 0.0
+    formula, announced, wrong = (relay_theory.rectilinear, relay_theory.diagonal)[basis], 0.0, 0.0
     for (one, a), (other, b) in product(mixture, repeat=2):
         gain, errs = formula(a * seen, b * seen, DARK_COUNT, ERROR)
-        told, wrong = told + one * other * gain, wrong + one * other * errs
-    return told, wrong
+        announced, wrong = announced + one * other * gain, wrong + one * other * errs
+    return announced, wrong
 
 
 def _arrives(values: Values) -> float:
@@ -157,8 +157,8 @@ def _arrives(values: Values) -> float:
 
 
 def _qber(values: Values, basis: int) -> float:
-    told, wrong = _told(values, basis)
-    return wrong / told
+    announced, wrong = _announced(values, basis)
+    return wrong / announced
 
 
 def _single(values: Values) -> float:
@@ -170,9 +170,9 @@ def _single(values: Values) -> float:
 def _key(values: Values) -> float:
     """Return the key of single photons in both arms (Lo, Curty, Qi)."""
     seen = _arrives(values)
-    told, wrong = relay_theory.single_photons(seen, seen, DARK_COUNT, ERROR)
-    gain, differ = _told(values, Z)
-    secret = _single(values) ** 2 * told * (1 - binary_entropy(wrong / told))
+    announced, wrong = relay_theory.single_photons(seen, seen, DARK_COUNT, ERROR)
+    gain, differ = _announced(values, Z)
+    secret = _single(values) ** 2 * announced * (1 - binary_entropy(wrong / announced))
     return max(0.0, secret - CORRECTION * gain * binary_entropy(differ / gain))
 
 
@@ -181,7 +181,7 @@ RELAYED_PAIRS = Experiment(
     "MDI-QKD over distance, by down-conversion",
     (LENGTH, STATISTICS, MEAN, HERALDING, pairs_parameter(2_000_000)),
     (
-        Measure("gain", "pulses announced, in Z", lambda values: _told(values, Z)[0]),
+        Measure("gain", "pulses announced, in Z", lambda values: _announced(values, Z)[0]),
         Measure("qber", "errors in Z", lambda values: _qber(values, Z)),
         Measure("qber_x", "errors in X", lambda values: _qber(values, X)),
         Measure("key", "secret bits per pair of pulses", _key),

@@ -16,7 +16,7 @@ from evidence.curves.contention import FOR_EVER_S, batched
 from evidence.curves.estimates import Estimate
 from evidence.curves.experiment import Experiment, Measure, Outcome, SweepError, number
 from evidence.curves.parameters import Parameter, Values
-from evidence.traffic.counted import Asked, CountedTime, Told
+from evidence.traffic.counted import Asked, CountedTime, Fate
 from programs.shortest_paths import Distances, shortest
 from topologies.catalogue.maps import BadMap, Map, read_map
 from topologies.links.copper_lengths import centre
@@ -95,18 +95,18 @@ async def schedule(values: Values, seed: int) -> Outcome:
     queue = Queue(str(values[ORDER.name]), slot_s)
     arbiter = Arbiter(network, FOR_EVER_S, FOR_EVER_S, queues=True, order=queue)
     asked = requests(values, [address(dpid) for dpid in switches.values()], Random(seed))  # noqa: S311
-    told = CountedTime(arbiter, lambda place: away_s.get(place, 0.0)).run(asked)
+    fates = CountedTime(arbiter, lambda place: away_s.get(place, 0.0)).run(asked)
     return {
-        "in_time": share_in_time(told),
-        "urgent_in_time": share_in_time([each for each in told if each.asked.priority]),
-        "wait": mean_wait([each.waited_s for each in told if each.waited_s is not None]),
+        "in_time": share_in_time(fates),
+        "urgent_in_time": share_in_time([each for each in fates if each.asked.priority]),
+        "wait": mean_wait([each.waited_s for each in fates if each.waited_s is not None]),
     }
 
 
-def share_in_time(told: list[Told]) -> Estimate:
-    waited = ((each.waited_s, each.asked.deadline_s) for each in told)
+def share_in_time(fates: list[Fate]) -> Estimate:
+    waited = ((each.waited_s, each.asked.deadline_s) for each in fates)
     fit = (had is not None and had <= deadline_s for had, deadline_s in waited)
-    return batched(len(told), dict.fromkeys((n for n, fits in enumerate(fit, 1) if fits), 1.0))
+    return batched(len(fates), dict.fromkeys((n for n, fits in enumerate(fit, 1) if fits), 1.0))
 
 
 def mean_wait(waits: list[float]) -> Estimate:

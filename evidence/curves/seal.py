@@ -31,7 +31,7 @@ BLOCK_PAIRS = 10_000
 
 
 async def seal(values: Values, seed: int) -> Outcome:
-    """Watch until there have been so many alarms, each by a watch of its own."""
+    """Watch until a number of alarms, each by a watch of its own."""
     noise = number(values, NOISE.name)
     ways = [fiber("alice-q0", "eve-q0", depolarizing=noise), fiber("eve-q1", "bob-q0")]
     laboratory = Laboratory(configuration(seed, ways))

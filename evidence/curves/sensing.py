@@ -46,7 +46,7 @@ class Line:
     number: int = 0  # of the next block
 
     async def ghz(self, count: int, steps: int) -> Bytes:
-        """Return parities of so many states, 2 where one was not seen, at an angle."""
+        """Return parities of `count` states, 2 where one was not seen, at an angle."""
         found, missing = [np.zeros(0, np.uint8)], count
         while missing > 0:
             size = min(missing, BLOCK)
@@ -62,7 +62,7 @@ class Line:
         return np.concatenate(found)[:count]
 
     async def separate(self, host: LaboratoryHost, count: int, steps: int) -> Bytes:
-        """Return outcomes of so many probes of one host, 2 where one was not seen, at an angle."""
+        """Return outcomes of `count` probes of one host, 2 where one was not seen, at an angle."""
         self.number += 1
         await host.prepare(np.full(count, PLUS, dtype=np.uint8), self.number)
         return parities((await exposed(host, (self.number, 0), steps))[None])

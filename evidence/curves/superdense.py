@@ -25,7 +25,7 @@ from wire.outcomes import NO_COINCIDENCE
 
 BLOCK_PAIRS = 65_536
 MIN_BLOCK_PAIRS = 1_024
-BATCHES = 64  # that the error of the residual bit error is estimated from, if there are so many
+BATCHES = 64  # that the error of the residual bit error is estimated from, if there are as many
 LOSSES = ("length_km", "loss_db_per_km", "connectors_db")
 EFFICIENCY = "detectors_efficiency"
 PHASE_NOISE = ("dephasing", "analyser_visibility")
@@ -41,7 +41,7 @@ INTERLEAVE = Parameter("interleave", "off", choices=("off", "on"))
 
 
 async def run(values: Values, seed: int) -> Outcome:
-    """Send random data and count what comes of it."""
+    """Send random data and count the outcomes."""
     laboratory = link(values, seed)
     alice, bob = laboratory.host("alice"), laboratory.host("bob")
     random = np.random.default_rng(seed)
@@ -128,13 +128,13 @@ async def transmit(
 
 
 def blocks(pairs: int) -> Iterator[int]:
-    """Yield the sizes of equal blocks that make up so many pairs, or a few less."""
+    """Yield the sizes of equal blocks that make up a number of pairs, or a few less."""
     size = min(max(pairs // BATCHES, MIN_BLOCK_PAIRS), BLOCK_PAIRS, pairs)
     yield from [size] * (pairs // size)
 
 
 def outcome(errors: Sequence[int], pairs: int) -> Outcome:
-    """Return what follows from the counts of each dibit error (0: none) in so many pairs."""
+    """Return rates from the counts of each dibit error (0: none) in `pairs` pairs."""
     came = sum(errors)
     return {
         # The two bits of a dibit are not independent: it counts as one draw.

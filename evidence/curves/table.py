@@ -14,7 +14,7 @@ Key = tuple[object, ...]
 
 
 class Table:
-    """What is known of the points of an experiment; the file is appended a line at a time."""
+    """The measured points of an experiment; the file is appended a line at a time."""
 
     def __init__(self, file: Lines, experiment: Experiment) -> None:
         """Read what the file has; use `opened` for that."""
@@ -32,8 +32,8 @@ class Table:
 
     def add(self, values: Values, seed: int, outcome: Outcome) -> None:
         """Append a point; it is on the disk when this returns."""
-        said = {**values, **dict.fromkeys(self._experiment.unsaid(values), "")}
-        row: list[object] = [seed, *(said[each.name] for each in self._experiment.parameters)]
+        cells = {**values, **dict.fromkeys(self._experiment.unsaid(values), "")}
+        row: list[object] = [seed, *(cells[each.name] for each in self._experiment.parameters)]
         for measure in self._experiment.measures:
             theory = measure.expected(values, outcome)
             estimate = outcome[measure.name]
@@ -59,12 +59,12 @@ class Table:
             raise ValueError(f"{len(line)} columns instead of {columns}")
         own = iter(line)
         seed = int(next(own))
-        said = {each.name: next(own) for each in experiment.parameters}
+        cells = {each.name: next(own) for each in experiment.parameters}
         values = {
-            each.name: each.value(said[each.name]) if said[each.name] else each.default
+            each.name: each.value(cells[each.name]) if cells[each.name] else each.default
             for each in experiment.parameters
         }
-        empty = {name for name, text in said.items() if not text and values[name] != ""}
+        empty = {name for name, text in cells.items() if not text and values[name] != ""}
         if wrong := empty.difference(experiment.unsaid(values)):
             raise ValueError(f"{min(wrong)} is empty")
         outcome = {}

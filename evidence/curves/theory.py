@@ -109,8 +109,8 @@ def several_pairs(
     def dark(detectors: frozenset[tuple[int, int]]) -> float:
         misses = 0.0
         for bit, flip in product((0, 1), (0, 1)):
-            told = bit, bit ^ flip
-            hits = (arrives[end] * ((end, told[end]) in detectors) for end in (0, 1))
+            outcomes = bit, bit ^ flip
+            hits = (arrives[end] * ((end, outcomes[end]) in detectors) for end in (0, 1))
             misses += math.prod(1 - hit for hit in hits) * (error if flip else 1 - error) / 2
         none, missing = (
             math.prod(1 - counts[end] for end, _ in detectors),
@@ -168,7 +168,7 @@ def coincidence_visibility(
 ) -> float:
     """Return (C - A)/(C + A) of pairs of one polarisation, thermal, where few come and click.
 
-    Of so many pairs in a pulse either half clicks so likely, and noise does so beside it: A are
+    Of the pairs in a pulse either half clicks with a probability, and noise beside it: A are
     accidental coincidences, of different pulses, and C = arrives arrives' (n + n^2) + A.
     """
     accidental = math.prod(
@@ -179,12 +179,12 @@ def coincidence_visibility(
 
 
 def gain(mean: float) -> float:
-    """Return how often a detector sees a pulse of which so many photons come to it on average."""
+    """Return how often a detector sees a pulse with a mean number of photons at it."""
     return -math.expm1(-mean)
 
 
 def poisson(mean: float, photons: int) -> float:
-    """Return how likely a pulse of this mean has so many photons."""
+    """Return how likely a pulse of this mean has a number of photons."""
     return math.exp(-mean) * mean**photons / math.factorial(photons)
 
 
@@ -216,8 +216,8 @@ def gllp(gain: float, qber: float, single: float) -> float:
     """Return W (1 - h(Q / W)) - h(Q) of the pulses seen, W of which are of one photon at least."""
     if single <= 2 * qber:
         return 0.0
-    phase, told = qber / single, entropy([qber, 1 - qber])
-    return gain * max(0.0, single * (1 - entropy([phase, 1 - phase])) - told)
+    phase, leak = qber / single, entropy([qber, 1 - qber])
+    return gain * max(0.0, single * (1 - entropy([phase, 1 - phase])) - leak)
 
 
 def key_without_decoys(mean: float, mean_seen: float) -> float:
@@ -229,7 +229,7 @@ def key_without_decoys(mean: float, mean_seen: float) -> float:
 
 
 def birefringence_error(rms_rad: float) -> float:
-    """Return how often a basis is told wrongly behind n random turns, of this rms altogether.
+    """Return how often a basis is seen wrongly behind n random turns, of this rms altogether.
 
     Each is by a normal vector with variance v for every component, and leaves
     (1 + 2 (1 - v) e^(-v / 2)) / 3 of a direction on the Bloch sphere. In the limit of many small
@@ -267,7 +267,7 @@ def chsh(fidelity: float) -> float:
 
 
 def weak_pulse(mean: float, dark: float, error: float) -> tuple[float, float]:
-    """Return how likely a Poisson pulse of this mean at two detectors is seen, and told wrongly.
+    """Return how likely a Poisson pulse of this mean at two detectors is seen, and seen wrongly.
 
     Each photon is wrong with `error`, each detector has a dark count with `dark`; both at once are
     taken at random. To first order dark + error (1 - e^-mean), as in arXiv:1311.7129.
@@ -330,7 +330,7 @@ def coincidences(
 
 @cache
 def clicks_with_dead_time(click: float, blind: int, pulses: int) -> float:
-    """Return the clicks a pulse if each blinds the detector for so many further pulses.
+    """Return the clicks a pulse if each blinds the detector for a number of pulses.
 
     `click` is the probability of a detector that is awake, as it is when a train of `pulses`
     begins. A pulse clicks if it would and none of the `blind` before it has; after many pulses
@@ -366,7 +366,7 @@ def single_click(light: float, bright: float, visibility: float) -> tuple[float,
 
 
 def attempts_until_two(chance: float, rounds: float) -> float:
-    """Return how many attempts it takes until a success comes within so many behind another.
+    """Return how many attempts it takes until two successes within a window.
 
     A geometric gap is short enough with s = 1 - (1 - p)^m: (1 + 1/s) / p by Wald's identity.
     """
@@ -375,7 +375,7 @@ def attempts_until_two(chance: float, rounds: float) -> float:
 
 
 def kept_over_gap(chance: float, rounds: float, step: float) -> float:
-    """Return the mean of step^g over geometric gaps g of at most so many rounds."""
+    """Return the mean of step^g over geometric gaps g of at most a number of rounds."""
     other = (1 - chance) * step
     short = 1 - math.pow(1 - chance, rounds)
     return chance * step * (1 - math.pow(other, rounds)) / (1 - other) / short

@@ -16,7 +16,7 @@ from hosts.middleware.qkd.key_length import binary_entropy
 
 LOSS_DB_PER_KM, SEEN, DARK, WRONG, CORRECTION = 0.21, 0.045, 1.7e-6, 0.033, 1.22
 SIGNAL = 0.48  # photons a pulse, best for these numbers
-PULSES = 1e15  # of any intensity: so many that rounding does not matter
+PULSES = 1e15  # of any intensity: rounding does not matter
 NEAR_KM, FAR_KM = 50.0, 200.0  # there is a key, and there is none
 
 Single = tuple[float, float]  # of pulses of one photon: how many are seen, and errors of those
@@ -31,8 +31,8 @@ def seen(length_km: float, mean: float) -> tuple[float, float]:
 def with_decoys(length_km: float, weak: float) -> Single:
     """Return what pulses of three intensities tell: the yield at least, the errors at most."""
     decoys = Decoys((SIGNAL, weak, 0.0))
-    told = np.array([seen(length_km, mean) for mean in decoys.means]).T
-    counts, wrong = told * np.array(decoys.shares) * PULSES
+    rates = np.array([seen(length_km, mean) for mean in decoys.means]).T
+    counts, wrong = rates * np.array(decoys.shares) * PULSES
     found = bounds(decoys, Sifted(counts, counts, wrong), None)
     return found.single / decoys.photons(1) / PULSES, found.phase_error
 
@@ -47,8 +47,8 @@ def endless(length_km: float) -> Single:
 def key(length_km: float, single: Single) -> float:
     """Return secret bits of a pulse that both sift, below 0 where there is no key (equation 1)."""
     gain, wrong = seen(length_km, SIGNAL)
-    told = CORRECTION * gain * binary_entropy(wrong / gain)
-    return single[0] * SIGNAL * exp(-SIGNAL) * (1 - binary_entropy(single[1])) - told
+    leak = CORRECTION * gain * binary_entropy(wrong / gain)
+    return single[0] * SIGNAL * exp(-SIGNAL) * (1 - binary_entropy(single[1])) - leak
 
 
 def reach(weak: float | None) -> float:

@@ -13,7 +13,7 @@ PAPER = "arXiv:1311.7129"
 BLOCKS = (1e4, 1e5, 1e7, 1e9)  # n_X, as some in the paper's figure
 LENGTHS_KM = range(0, 201, 20)
 LEAST = 3e-8  # secret bits a pulse, near the lower end of the figure
-# What makes 135 km is not known: of what was tried, errors of 1e-10 for each bit of the key do.
+# The cause of 135 km is unknown: of several trials, errors of 1e-10 for each bit of the key do.
 END = Published(
     135.0,
     0.5,

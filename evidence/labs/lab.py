@@ -30,7 +30,7 @@ class Published:
     error: float
     source: str  # which part of the paper says it
     half_range: float = 0.0  # of a range that a paper states: the value is its middle
-    differs: str = ""  # why ours is another one, as far as known: that is told, and no fault
+    differs: str = ""  # why ours is another one, as far as known: it is reported, and no fault
 
 
 @dataclass(frozen=True)
@@ -67,9 +67,9 @@ class Finding:
         return apart / error if error else math.copysign(math.inf, apart)
 
     def agrees(self, tolerance: float) -> bool:
-        """Return whether it is within so many standard errors; what was not measured is not.
+        """Return whether it is within a number of standard errors; False without a measurement.
 
-        What is known to differ agrees, whatever it is.
+        A figure that is known to differ agrees.
         """
         if self.difference is None or (self.published is not None and self.published.differs):
             return True
@@ -122,7 +122,7 @@ class PublishedRow:
 
 @dataclass(frozen=True)
 class Chart:
-    """What a figure of a lab shows; axes have their units in the labels."""
+    """The content of a lab's figure; axes have their units in the labels."""
 
     name: str
     title: str
@@ -143,7 +143,7 @@ class Run:
 
     @property
     def job(self) -> Any:
-        """What a `qmn run` says of its job, by attributes (wire.results.run_result, figures)."""
+        """The result of a `qmn run`, by attributes (wire.results.run_result, figures)."""
         return schema.read_run(self.result).job
 
     def times_s(self, kind: str) -> list[float]:
@@ -171,7 +171,7 @@ class Lab:
 
     title: str
     paper: str
-    runs: Mapping[str, str]  # by name: what is said behind `qmn`, but for --seed and --runs
+    runs: Mapping[str, str]  # by name: the words behind `qmn`, but for --seed and --runs
     findings: Callable[[Runs], Sequence[Finding]]
     charts: Sequence[Chart] = field(default=())
     rows: Sequence[PublishedRow] = field(default=())  # of the same papers, without a network

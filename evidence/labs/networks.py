@@ -19,21 +19,21 @@ from qmn.timeouts import LAB_END_TIMEOUT_S, LAB_POLL_S, LAB_RUN_TIMEOUT_S
 from topologies.system.processes.programs import NetworkError, cause
 from wire.results.run_result import RESULT
 
-TOLD = "qmn: "  # before what is told of a fault
+REPORT = "qmn: "  # before a fault
 
 
-def words_of(said: str, seed: int, runs: Path) -> list[str]:
-    return [*shlex.split(said), "--seed", str(seed), "--runs", str(runs)]
+def words_of(words: str, seed: int, runs: Path) -> list[str]:
+    return [*shlex.split(words), "--seed", str(seed), "--runs", str(runs)]
 
 
-def carry_out(name: str, said: str, seed: int, folder: Path, check: Callable[[], None]) -> Run:
+def carry_out(name: str, words: str, seed: int, folder: Path, check: Callable[[], None]) -> Run:
     """Start a network, do its job, and return what it left in a folder of the lab's.
 
     Raise NetworkError if it fails; `check` may end it by raising.
     """
     runs = folder / name
     before = folders(runs)  # of one that was interrupted
-    command = [COMMAND, *words_of(said, seed, runs)]
+    command = [COMMAND, *words_of(words, seed, runs)]
     with (folder / f"{name}.log").open("w") as log:
         # Ctrl-C is ours to pass on: the run then cleans up.
         process = subprocess.Popen(
@@ -62,10 +62,10 @@ def left_in(folder: Path) -> Run:
     return Run(folder, json.loads((folder / RESULT).read_text()))
 
 
-def _why(said: str) -> str:
+def _why(output: str) -> str:
     """Return why a run has failed: what `qmn` reports, or the error that it did not handle."""
-    reports = [line.removeprefix(TOLD) for line in said.splitlines() if line.startswith(TOLD)]
-    return (reports or [cause(said)])[0] or "failed without a word"
+    reports = [line.removeprefix(REPORT) for line in output.splitlines() if line.startswith(REPORT)]
+    return (reports or [cause(output)])[0] or "failed without a word"
 
 
 def _wait(process: "subprocess.Popen[bytes]", name: str, check: Callable[[], None]) -> None:

@@ -31,8 +31,8 @@ def threshold() -> Estimate:
 
 def beside_endless(number: int, sign: float) -> Estimate:
     """Return in % how far the yield (0) or error (1) of one photon is bounded off, at 40 km."""
-    told, right = decoys.with_decoys(40, WEAK_AT_40_KM)[number], decoys.endless(40)[number]
-    return Estimate(100 * sign * (told / right - 1), 0.0)
+    estimated, right = decoys.with_decoys(40, WEAK_AT_40_KM)[number], decoys.endless(40)[number]
+    return Estimate(100 * sign * (estimated / right - 1), 0.0)
 
 
 def reach(weak: float | None) -> Estimate:

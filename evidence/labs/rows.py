@@ -31,12 +31,12 @@ def points(of: Iterable[PublishedRow]) -> dict[str, list[Values]]:
 
 def measured(of: Sequence[PublishedRow], seed: int, measurer: Measurer) -> Iterator[list[Finding]]:
     """Measure point by point; yield nothing new behind each, and all findings in the end."""
-    told: dict[Place, Outcome] = {}
+    outcomes: dict[Place, Outcome] = {}
     for name, wanted in points(of).items():
         for values, outcome in measurer(Grid(EXPERIMENTS[name], {}), wanted, seed):
-            told[_place(name, values)] = outcome
+            outcomes[_place(name, values)] = outcome
             yield []
-    yield [row.finding([told[_place(*point)] for point in _points(row)]) for row in of]
+    yield [row.finding([outcomes[_place(*point)] for point in _points(row)]) for row in of]
 
 
 def _points(row: PublishedRow) -> Iterator[tuple[str, Values]]:

@@ -12,11 +12,11 @@ from evidence.labs.lab import Lab, Run
 from evidence.labs.networks import left_in
 
 TABLE = "runs.csv"
-COLUMNS = ("run", "seed", "command", "folder")  # what is said behind `qmn`; below the lab's
+COLUMNS = ("run", "seed", "command", "folder")  # the words behind `qmn`; below the lab's
 
 
 class RunsDone:
-    """What is known of the runs with a seed; the file is appended a line at a time."""
+    """The runs with a seed that are done; the file is appended a line at a time."""
 
     def __init__(self, file: Lines, lab: Lab, seed: int) -> None:
         """Read what the file has; use `opened` for that."""
@@ -26,8 +26,8 @@ class RunsDone:
             if len(line) != len(COLUMNS):
                 text = f"{len(line)} columns instead of {len(COLUMNS)}"
                 raise file.wrong(number, ValueError(text))
-            run, seeded, said, folder = line
-            if (seeded, said) == (str(seed), lab.runs.get(run)):
+            run, seeded, words, folder = line
+            if (seeded, words) == (str(seed), lab.runs.get(run)):
                 self._known[run] = file.path.parent / folder
 
     @property

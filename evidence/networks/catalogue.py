@@ -22,7 +22,7 @@ Measurer = Callable[[Values, int, Path, Signals], Outcome]
 
 @dataclass(frozen=True)
 class Demo:
-    """What is shown, by which experiment, what measures a point of that, and on which grid."""
+    """A figure: its experiment, the measurement of a point, and its grid."""
 
     what: str
     experiment: Experiment

@@ -83,7 +83,7 @@ def begin_requests(network: QuantumNetwork, requesters: int) -> None:
 
 @dataclass(frozen=True)
 class Round:
-    """What has come of a round."""
+    """The outcome of a round."""
 
     pairs: str  # session of those that wait
     link: str  # session of the next link
@@ -92,7 +92,7 @@ class Round:
 
 
 def _round(network: QuantumNetwork) -> Round:
-    """Have pairs in memory until the next link is there, and measure them then."""
+    """Store pairs until the next link is ready, and measure them then."""
     wanted: dict[str, Any] = {"sample": 0.0, "count": PAIRS, "source": "alice"}
     with session(network, "distribute", ("alice", "bob"), **wanted) as first:
         first.results()

@@ -68,8 +68,8 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
         folder = network.runtime.logs
     others = [each.reason for each in driver.outcomes if each.outcome != ACCEPTED]
     if others:
-        said = ", ".join(sorted(set(others)))
-        text = f"{len(others)} sessions had no light: {said}"
+        reasons = ", ".join(sorted(set(others)))
+        text = f"{len(others)} sessions had no light: {reasons}"
         raise SweepError(f"{HEAD_OF_LINE.place(values)}: {text}")
     short = [each.summary["session"] for each in driver.outcomes if not each.planned.priority]
     measured = outcome(lights(read_record(folder), scale), short)

@@ -63,8 +63,8 @@ class Asked:
 
 
 @dataclass
-class Told:
-    """What becomes of a request, in its opener's time."""
+class Fate:
+    """The fate of a request, in its opener's time."""
 
     asked: Asked
     light_s: float | None = None  # when it may use its light
@@ -90,7 +90,7 @@ class CountedTime:
         self,
         arbiter: Arbiter,
         away_s: Callable[[str | int], float] = lambda _place: 0.0,
-        then: Callable[[Told, float], Asked | None] = lambda _told, _now: None,
+        then: Callable[[Fate, float], Asked | None] = lambda _fates, _now: None,
     ) -> None:
         """`away_s` says how long a message takes to a host (address) or a switch (datapath id).
 
@@ -99,9 +99,9 @@ class CountedTime:
         self._arbiter, self._away_s, self._then = arbiter, away_s, then
         self._events: list[tuple[float, int, Event]] = []
         self._order = count()
-        self._told: dict[int, Told] = {}
+        self._fates: dict[int, Fate] = {}
 
-    def run(self, requests: Sequence[Asked]) -> list[Told]:
+    def run(self, requests: Sequence[Asked]) -> list[Fate]:
         """Let all of them happen; return what becomes of each, in the order that they come up."""
         for asked in requests:
             self._ask(asked)
@@ -109,29 +109,29 @@ class CountedTime:
         while self._events:
             now, _order, happens = heappop(self._events)
             self._obey(happens(now), now)
-        return list(self._told.values())
+        return list(self._fates.values())
 
     def _ask(self, asked: Asked) -> None:
-        number = len(self._told) + 1
-        self._told[number] = Told(asked)
+        number = len(self._fates) + 1
+        self._fates[number] = Fate(asked)
         self._at(asked.at_s + self._away_s(asked.opener), self._asking(number, asked))
         if asked.useful_s < inf:
             self._at(asked.at_s + asked.useful_s, self._given_up(number))
 
     def _given_up(self, number: int) -> Event:
-        told = self._told[number]
+        fate = self._fates[number]
 
         def happens(now: float) -> Iterable[Action]:
-            if told.light_s is not None or told.reason:
+            if fate.light_s is not None or fate.reason:
                 return ()  # or they are on their way
-            told.reason = GIVEN_UP
+            fate.reason = GIVEN_UP
             return self._ends(number)(now)
 
         return happens
 
     def _ends(self, number: int) -> Event:
         """Have the opener ask for what comes next, and then close this."""
-        over, opener = self._over(number), self._told[number].asked.opener
+        over, opener = self._over(number), self._fates[number].asked.opener
         fin = self._saying(number, FIRST_SEQUENCE + SETUP_LENGTH, FIN)
 
         def happens(now: float) -> Iterable[Action]:
@@ -143,7 +143,7 @@ class CountedTime:
 
     def _over(self, number: int) -> Event:
         def happens(now: float) -> Iterable[Action]:
-            asked = self._then(self._told[number], now)
+            asked = self._then(self._fates[number], now)
             if asked is not None:
                 self._ask(asked)
             return ()
@@ -166,7 +166,7 @@ class CountedTime:
         return self._saying(number, FIRST_SEQUENCE, PUSH, setup.encode())
 
     def _saying(self, number: int, sequence: int, flags: int, data: bytes = b"") -> Event:
-        asked = self._told[number].asked
+        asked = self._fates[number].asked
         ends, port = (asked.opener, asked.acceptor), 1_024 + number % 60_000
         frame = segment(ends, port, sequence, flags, data)
         return lambda now: self._arbiter.segment_arrived(S1, 1, frame, now)
@@ -186,18 +186,18 @@ class CountedTime:
         self._at(done_s, lambda at: self._arbiter.barrier_passed(action.dpid, number, at))
 
     def _ready(self, number: int, now: float) -> None:
-        told = self._told[number]
-        if told.reason == GIVEN_UP:
+        fate = self._fates[number]
+        if fate.reason == GIVEN_UP:
             return  # its FIN is on its way
-        opener_s = self._away_s(told.asked.opener)
-        told.light_s = now + 2 * self._away_s(told.asked.acceptor) + opener_s
-        held_s = told.asked.holding_s if told.used else 0.0
-        self._at(told.light_s + held_s, self._ends(number))
+        opener_s = self._away_s(fate.asked.opener)
+        fate.light_s = now + 2 * self._away_s(fate.asked.acceptor) + opener_s
+        held_s = fate.asked.holding_s if fate.used else 0.0
+        self._at(fate.light_s + held_s, self._ends(number))
 
     def _refused(self, number: int, reason: str, now: float) -> None:
-        told = self._told[number]
-        if told.reason == GIVEN_UP:
+        fate = self._fates[number]
+        if fate.reason == GIVEN_UP:
             return
-        told.reason = reason
-        heard_s = now + 2 * self._away_s(told.asked.acceptor) + self._away_s(told.asked.opener)
+        fate.reason = reason
+        heard_s = now + 2 * self._away_s(fate.asked.acceptor) + self._away_s(fate.asked.opener)
         self._at(heard_s, self._over(number))

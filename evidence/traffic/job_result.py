@@ -18,7 +18,7 @@ BUSIEST = 3  # fibres that the table names
 
 
 def complete(facts: RunResult, folder: Path) -> None:
-    """Add the use of every fibre, and what a person is told first; write result.json."""
+    """Add the use of every fibre, and the first numbers to read; write result.json."""
     assert isinstance(facts.job, LoadJob)
     load, capture = facts.job.load, folder / EVENT_CAPTURE
     if load is not None:
@@ -31,7 +31,7 @@ def complete(facts: RunResult, folder: Path) -> None:
 
 
 def summary(load: Load) -> LoadFigures:
-    """Return the numbers that a person is told first."""
+    """Return the first numbers to read."""
     blocked, broken = sum(load.blocked.values()), sum(load.broken.values())
     return LoadFigures(
         sessions=load.offered,
@@ -56,18 +56,18 @@ def show(console: Console, facts: RunResult, folder: Path, report: str) -> None:
     assert isinstance(facts.job, LoadJob)
     load = facts.job.load
     assert load is not None  # the network has started
-    told = rows(facts.job)
+    shown = rows(facts.job)
     for kind, reasons in (("blocked", load.blocked), ("broken", load.broken)):
-        told |= {f"{kind}: {reason}": number_text(count) for reason, count in reasons.items()}
+        shown |= {f"{kind}: {reason}": number_text(count) for reason, count in reasons.items()}
     for each in load.fidelity_by_age:
-        told[f"fidelity after {each.age_s:.3g} s"] = (
+        shown[f"fidelity after {each.age_s:.3g} s"] = (
             f"{each.fidelity:.4f} ± {each.standard_error:.4f}"
         )
     for longest in load.waits[:1]:
-        told["longest wait"] = (
+        shown["longest wait"] = (
             f"{longest.waited_s:.3g} s: {longest.opener} → {longest.acceptor}, for the light of "
             f"{longest.after_opener} → {longest.after_acceptor}"
         )
     used = sorted(load.fibers.items(), key=lambda item: -item[1])
-    told |= {f"use of {name}": f"{share:.1%}" for name, share in used[:BUSIEST]}
-    print_rows(console, {**told, **rows_of_every_run(facts, folder, report)})
+    shown |= {f"use of {name}": f"{share:.1%}" for name, share in used[:BUSIEST]}
+    print_rows(console, {**shown, **rows_of_every_run(facts, folder, report)})

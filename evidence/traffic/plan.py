@@ -32,14 +32,14 @@ class Planned:
     opener: str
     acceptor: str
     holding_s: float
-    deadline_s: float | None = None  # until it must have light; None: it waits as it is told to
+    deadline_s: float | None = None  # until it must have light; None: it waits as its options say
     priority: int = 0  # the higher the sooner, if the controller's policy orders by it
     others: tuple[str, ...] = ()  # further hosts of it, of a line in its order
 
 
 @dataclass(frozen=True)
 class Traffic:
-    """What a model needs."""
+    """The parameters of a model."""
 
     openers: Sequence[str]
     acceptors: Sequence[str]
@@ -104,14 +104,14 @@ def trace(traffic: Traffic, random: Random) -> Iterator[Planned]:
     )
     for row in rows:
         at_s = number(traffic, row, "at_s", 0.0)
-        told = planned(traffic, random, at_s, hosts_of(traffic, random, row))
-        holding_s = number(traffic, row, "holding_s", told.holding_s)
-        deadline_s = number(traffic, row, "deadline_s", told.deadline_s or inf)
+        session = planned(traffic, random, at_s, hosts_of(traffic, random, row))
+        holding_s = number(traffic, row, "holding_s", session.holding_s)
+        deadline_s = number(traffic, row, "deadline_s", session.deadline_s or inf)
         deadline = None if deadline_s == inf else deadline_s
-        priority = number(traffic, row, "priority", told.priority)
+        priority = number(traffic, row, "priority", session.priority)
         if priority not in range(MOST_PRIORITY + 1):
             raise BadTraffic(f"{traffic.file}: priority {priority:g}: choose 0 to {MOST_PRIORITY}")
-        given = replace(told, holding_s=holding_s, deadline_s=deadline)
+        given = replace(session, holding_s=holding_s, deadline_s=deadline)
         yield replace(given, priority=int(priority))
 
 
@@ -124,7 +124,7 @@ MODELS: dict[str, Callable[[Traffic, Random], Iterator[Planned]]] = {
 
 
 def plan(model: str, traffic: Traffic, seed: int, sessions: int) -> list[Planned]:
-    """Return so many sessions, or as many as a trace has; raise BadTraffic for none."""
+    """Return `count` sessions, or those of a trace; raise BadTraffic for none."""
     found = list(islice(MODELS[model](traffic, Random(seed)), sessions))  # noqa: S311
     if not found:
         raise BadTraffic(f"{traffic.file} names no sessions")

@@ -17,7 +17,7 @@ LINE = 3  # hosts of a session of a line
 
 @dataclass(frozen=True, kw_only=True)
 class LoadRequest:
-    """What traffic there is, and in which network."""
+    """The traffic, and its network."""
 
     service: str = option("distribute", "that sessions are of (distribute)", choices=sorted(NAMES))
     count: int = option(

@@ -124,15 +124,15 @@ def waits(
         elif event == "light_after":
             after[session] = line
         elif event == "path_ready" and session in after:
-            told, ready_ns = after.pop(session), line["time_ns"]
+            request, ready_ns = after.pop(session), line["time_ns"]
             opener, acceptor, *holders = (
-                names.get(each, each) for each in (*told["ends"], *told["after"]["ends"])
+                names.get(each, each) for each in (*request["ends"], *request["after"]["ends"])
             )
             ready_s, waited_s = (
                 (ready_ns - since_ns) / 1e9 / scale
                 for since_ns in (began_ns, queued.pop(session, ready_ns))
             )
-            last = told["after"]["session"], *holders
+            last = request["after"]["session"], *holders
             found.append(LoadWait(session, opener, acceptor, ready_s, waited_s, *last))
     return sorted(found, key=lambda each: -each.waited_s)
 

@@ -25,7 +25,7 @@ from evidence.curves.packets import (
 )
 from evidence.curves.scheduling import away, network_of
 from evidence.labs import catalogue
-from evidence.traffic.counted import GIVEN_UP, Asked, CountedTime, Told
+from evidence.traffic.counted import GIVEN_UP, Asked, CountedTime, Fate
 from evidence.traffic.plan import Planned, Traffic, plan
 from topologies.catalogue.maps import read_map
 from wire.results.run_result import LoadSession
@@ -114,10 +114,10 @@ def test_light_of_another_wavelength_does_not_share_a_fibre_the_other_way() -> N
 
 
 def test_who_gives_up_asks_for_the_next_once_and_has_no_light_any_more() -> None:
-    heard: list[tuple[Told, float]] = []
+    heard: list[tuple[Fate, float]] = []
     later = Asked(2.0, address(0, 2), address(1, 2), 0.5)
 
-    def then(told: Told, now: float) -> Asked | None:
+    def then(told: Fate, now: float) -> Asked | None:
         heard.append((told, now))
         return later if told.reason else None
 

@@ -17,7 +17,7 @@ from evidence.curves.contention import FOR_EVER_S, PAIRS, address, trunk
 from evidence.curves.experiment import Outcome
 from evidence.curves.scheduling import SCHEDULE, away, network_of, requests, schedule
 from evidence.curves.scheduling import address as address_of
-from evidence.traffic.counted import Asked, CountedTime, Told
+from evidence.traffic.counted import Asked, CountedTime, Fate
 from topologies.catalogue.maps import read_map
 
 SESSIONS = 1_500
@@ -26,7 +26,7 @@ BATCHES = 20
 
 def told(
     requests: Sequence[Asked], queue: Queue, channels: int = 1, away_s: float = 0.0
-) -> list[Told]:
+) -> list[Fate]:
     arbiter = Arbiter(trunk(channels), FOR_EVER_S, FOR_EVER_S, queues=True, order=queue)
     return CountedTime(arbiter, lambda _place: away_s).run(requests)
 

@@ -140,7 +140,7 @@ def test_a_bad_file_is_named(tmp_path: Path, text: str, message: str) -> None:
 
 def test_names_are_said_with_their_unit() -> None:
     length = Parameter("loss_db_per_km", 0.2, 0.0, 1.0, "dB/km")
-    assert length.said(0.2) == "loss 0.2 dB/km"
+    assert length.formatted(0.2) == "loss 0.2 dB/km"
     assert length.label == "loss (dB/km)"
 
 
