@@ -155,10 +155,10 @@ def compare(
     known = sum(each.published is not None and bool(each.published.differs) for each in findings)
     counts = f"{len(far)} too far from ours, {known} known to differ"
     console.print(f"{len(rows)} published figures, {counts}", soft_wrap=True)
-    return [told(each) for each in far]
+    return [finding_text(each) for each in far]
 
 
-def told(finding: Finding) -> str:
+def finding_text(finding: Finding) -> str:
     assert finding.published is not None
     ours = number(finding.ours.value, finding.error)
     theirs = stated(finding.published)

@@ -131,7 +131,7 @@ def all_done(
             except (NetworkError, BadTable) as error:
                 console.print(f"{name} failed: {error}", soft_wrap=True, markup=False)
                 outcome.failed[name] = str(error)
-                # What it has not done is not done now.
+                # Runs that it has not done are not done now.
                 bar.update(task, completed=total - left)
                 continue
             if not good:
@@ -140,7 +140,7 @@ def all_done(
 
 
 def begun(name: str, options: LabOptions) -> Path | None:
-    """Return the folder of a lab to go on in, None if it begins anew."""
+    """Return the folder of a lab to go on in, None if it starts from the beginning."""
     if not options.resume:
         return None
     return runs_done.newest(options.out, Path(name).name, options.seed)
@@ -201,11 +201,11 @@ def all_runs(
     begins, ended = tell
     runs: dict[str, Run] = {}
     with runs_done.opened(folder, lab, seed) as known:
-        for run, said in lab.runs.items():
+        for run, words in lab.runs.items():
             before = known.get(run)
             if before is None:
                 begins(f"{name}: {run}")
-                before = carry_out(run, said, seed, folder, check)
+                before = carry_out(run, words, seed, folder, check)
                 known.add(run, before)
                 ended()
             runs[run] = before

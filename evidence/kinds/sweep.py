@@ -59,7 +59,7 @@ examples:
 
 @dataclass(frozen=True, kw_only=True)
 class SweepOptions(LiveOptions):
-    """What to sweep, and where it is measured."""
+    """The experiment to sweep, and where it is measured."""
 
     what: str  # an experiment, or a file that names one
     axes: Mapping[str, str]  # values of parameters, by name, as the user says them
@@ -112,8 +112,8 @@ class Help(argparse.Action):
         for action in parser._actions:
             name = action.dest.removeprefix("axis_")
             if action.dest == "what" and (light or emulated):
-                told = {each.what for each in (light, emulated) if each}
-                action.help = f"{named}: {', or '.join(sorted(told))}"
+                parameters = {each.what for each in (light, emulated) if each}
+                action.help = f"{named}: {', or '.join(sorted(parameters))}"
                 parser.epilog = EXAMPLES
             elif name == action.dest or (light and name in light.names):
                 continue

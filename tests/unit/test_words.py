@@ -17,7 +17,8 @@ CLEAN = [
     *("topologies/system/open_vswitch", "topologies/system/processes", "topologies/system/runs"),
     *("topologies/system/confinement", "topologies/fabric.py", "topologies/mapped.py"),
     *("topologies/quantum_topo.py", "topologies/timeouts.py", "views", "applications"),
-    *("evidence/attacks", "evidence/bench", "evidence/labs", "evidence/networks", "evidence/traffic"),
+    *("evidence/attacks", "evidence/bench", "evidence/labs", "evidence/networks"),
+    *("evidence/traffic", "evidence/kinds"),
 ]
 BANNED = re.compile(
     r"\b(told|said|so many|what no|(come|comes|came) of|anew|whoever|as ever|nothing of what"
