@@ -60,19 +60,19 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
         if share:
             words = ["say", network.host("bob").IP(), "--per-s", f"{share / frame_s / scale}"]
             words += ["--frame-bytes", f"{size:.0f}", "--seed", f"{seed}"]
-            network.run_on("alice", "datagrams.said", [python(), "-m", PROGRAM, *words])
+            network.run_on("alice", "datagrams.log", [python(), "-m", PROGRAM, *words])
             time.sleep(number(values, ALONE.name) * scale)
         alone = heard.log.read_text().splitlines()[1:]
         count = int(values[BLOCKS.name]) * BLOCK_STATES
         wanted = {"count": count, "block_pairs": BLOCK_STATES}
         with session(network, "teleport", ("alice", "bob"), **wanted) as asked:
-            told = asked.results()
-    measured = outcome(told, alone, frame_s, number(values, T2.name), scale)
+            reports = asked.results()
+    measured = outcome(reports, alone, frame_s, number(values, T2.name), scale)
     return {**measured, **software_share(network.runtime.logs)}
 
 
 def outcome(
-    told: Sequence[dict[str, Any]],
+    reports: Sequence[dict[str, Any]],
     alone: Sequence[str],
     frame_s: float,
     t2_s: float,
@@ -82,8 +82,8 @@ def outcome(
 
     These have passed alone, each a frame's time over either cable and what they have queued.
     """
-    waits = waits_of(told)
-    last = told[-1]
+    waits = waits_of(reports)
+    last = reports[-1]
     times_ns = [tuple(map(int, line.split())) for line in alone]  # of the wall
     delays = [(came - sent) * 1e-9 / scale for sent, came in times_ns]
     return {
@@ -95,10 +95,10 @@ def outcome(
     }
 
 
-def waits_of(told: Sequence[dict[str, Any]]) -> list[float]:
+def waits_of(reports: Sequence[dict[str, Any]]) -> list[float]:
     """Return how long (s) each block has waited, of means over all blocks so far."""
-    sums = [0.0, *(each["arrived"] * each["waited_ms"] / 1e3 for each in told)]
-    counts = [0, *(each["arrived"] for each in told)]
+    sums = [0.0, *(each["arrived"] * each["waited_ms"] / 1e3 for each in reports)]
+    counts = [0, *(each["arrived"] for each in reports)]
     pairs = zip(sums, sums[1:], counts, counts[1:], strict=False)
     return [(s1 - s0) / (n1 - n0) for s0, s1, n0, n1 in pairs if n1 > n0]
 

@@ -56,10 +56,10 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
         asked = request(values, seed, Path(message.name), runs)
         try:
             job, context = superdense.begun(asked, signals, Console(quiet=True))
-            told = runner.run(job, context)
+            figures = runner.run(job, context)
         except (NetworkError, TransferError, BadInput, BadTopology) as error:
             raise SweepError(f"{SUPERDENSE.place(values)} failed: {error}") from error
-    return {**outcome(told), **software_share(context.folder)}
+    return {**outcome(figures), **software_share(context.folder)}
 
 
 def request(values: Values, seed: int, message: Path, runs: Path) -> SuperdenseRequest:
@@ -81,13 +81,13 @@ def request(values: Values, seed: int, message: Path, runs: Path) -> SuperdenseR
 
 
 def outcome(result: RunResult) -> Outcome:
-    told, setup_ms = result.asking, result.path_setup_ms.p50
-    assert isinstance(told, SentFigures)
+    figures, setup_ms = result.asking, result.path_setup_ms.p50
+    assert isinstance(figures, SentFigures)
     assert setup_ms is not None  # it has gone well
-    came = told.bell_pairs - told.lost_pairs
+    came = figures.bell_pairs - figures.lost_pairs
     return {
-        "dibit_error": proportion(told.symbol_errors, came),
-        "arrived": proportion(came, told.bell_pairs),
+        "dibit_error": proportion(figures.symbol_errors, came),
+        "arrived": proportion(came, figures.bell_pairs),
         "path_setup_s": Estimate(setup_ms / 1e3, 0.0),
     }
 

@@ -54,11 +54,11 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
         job, context = counted_service.begun(
             request(values, seed, runs), signals, Console(quiet=True)
         )
-        told = runner.run(job, context).asking
+        figures = runner.run(job, context).asking
     except (NetworkError, TransferError, BadInput, BadTopology) as error:
         raise SweepError(f"{TELEPORT.place(values)} failed: {error}") from error
-    assert isinstance(told, TeleportFigures)  # it has gone well
-    return {**outcome(told), **software_share(context.folder)}
+    assert isinstance(figures, TeleportFigures)  # it has gone well
+    return {**outcome(figures), **software_share(context.folder)}
 
 
 def request(values: Values, seed: int, runs: Path) -> ServiceRequest:
@@ -86,12 +86,12 @@ def request(values: Values, seed: int, runs: Path) -> ServiceRequest:
     )
 
 
-def outcome(told: TeleportFigures) -> Outcome:
-    if told.fidelity is None or told.waited_ms is None:
+def outcome(figures: TeleportFigures) -> Outcome:
+    if figures.fidelity is None or figures.waited_ms is None:
         return {WAITED.name: NOTHING, "teleported": NOTHING}
     return {
-        WAITED.name: Estimate(told.waited_ms / 1000, 0.0),
-        "teleported": proportion(round(told.fidelity * told.arrived), told.arrived),
+        WAITED.name: Estimate(figures.waited_ms / 1000, 0.0),
+        "teleported": proportion(round(figures.fidelity * figures.arrived), figures.arrived),
     }
 
 
