@@ -23,7 +23,7 @@ AGREE = {"X": True, "Y": False, "Z": True}  # whether both halves of Phi+ tell t
 
 @dataclass
 class Outcome:
-    """What has become of a session; times are seconds of the network from the beginning."""
+    """The outcome of a session; times are seconds of the network from the beginning."""
 
     planned: Planned
     opener: str
@@ -43,7 +43,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Wanted:
-    """What every session asks for."""
+    """The request of every session."""
 
     service: Service
     options: Mapping[str, Any]  # of the service's session
@@ -113,7 +113,7 @@ class SessionRun:
         return session(stacks, name, hosts, self._port, limit_s=None, **options)
 
     async def _by_deadline(self, result: Awaitable[object]) -> None:
-        """Wait for the first result; raise _TooLateError unless it is there by the deadline."""
+        """Wait for the first result; raise _TooLateError if it misses the deadline."""
         deadline_s = self._outcome.planned.deadline_s
         left_s = None if deadline_s is None else deadline_s - self._since()
         try:
