@@ -71,7 +71,7 @@ def run_s(file: Path, kind: str, run: RunOptions, signals: Signals) -> float:
 
 
 def leap_us(programs: int, leaps: int) -> float:
-    """Return what a leap takes of the wall while so many programs are idle."""
+    """Return what a leap takes of the wall while a number of programs are idle."""
     with stepping() as stepped, ExitStack() as idle:
         for _ in range(programs):
             command = [python(), "-c", IDLE]
