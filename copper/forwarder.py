@@ -59,10 +59,10 @@ class Direction:
     handled_ns: int = 0  # when it has handled the last one
 
     def handled_by(self, arrived_ns: int) -> int:
-        """Return when the software at the end has handled a message that has arrived."""
+        """Return when the software at the end has handled a message: one after the other."""
         if self.software_ns is None:
             return arrived_ns
-        self.handled_ns = max(self.handled_ns, arrived_ns + self.software_ns())
+        self.handled_ns = max(self.handled_ns + 1, arrived_ns + self.software_ns())
         return self.handled_ns
 
     def due_ns(self, length: int, now_ns: int) -> int | None:

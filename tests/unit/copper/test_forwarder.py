@@ -119,6 +119,13 @@ def test_software_gets_bytes_of_tcp_after_its_time_and_the_kernel_the_rest_at_on
         assert gate.time.now_s() == 4.005
 
 
+def test_messages_that_are_handled_at_once_come_in_order_at_different_instants() -> None:
+    """What gathers all of one instant and sorts it would else change their order."""
+    draws = iter([9, 5, 100])
+    way = Direction(0, 0, 0, 0.0, software_ns=lambda: next(draws))
+    assert [way.handled_by(arrived_ns) for arrived_ns in (1, 2, 3)] == [10, 11, 103]
+
+
 def test_packets_come_out_in_order_and_none_is_lost() -> None:
     with cables(0.01) as [(near, far)]:
         frames = [ip(ALICE, BOB, number.to_bytes(2, "big")) for number in range(100)]
