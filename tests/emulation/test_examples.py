@@ -244,7 +244,7 @@ def test_openssl_talks_tls_by_a_key_of_photons(tmp_path: Path) -> None:
 
 @pytest.mark.nightly
 def test_an_alarm_closes_the_fibre_that_somebody_taps() -> None:
-    printed = run("script", str(DOCS / "services" / "watched.py"))
+    printed = run("script", str(DOCS / "tamper-seal" / "watched.py"))
     moments = re.findall(r"^ *[0-9.]+ s  (.*)$", printed, re.MULTILINE)
     tapped = moments.index("somebody measures 0.5 of the photons between q2 and q3")
     closed = moments.index("closed: q2-q3")
