@@ -7,4 +7,4 @@ WIDTH = 24
 
 def show(experiments: Mapping[str, str], indent: str = "") -> None:
     for name, text in experiments.items():
-        print(f"{indent + name:<{WIDTH}}{text}")
+        print(f"{indent + name:<{WIDTH - 1}} {text}")
