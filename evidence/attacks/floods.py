@@ -42,6 +42,7 @@ def arp_spoofing(network: Network, pings: int) -> int:
         finally:
             liar.terminate()
         output, errors = liar.communicate(timeout=ATTACK_TIMEOUT_S)
+    victim.cmd(f"ip neighbor flush to {posed.IP()}")  # or bob's replies would go on to charlie
     return sent_count(output + errors)
 
 
