@@ -51,7 +51,8 @@ def add_options(
                 alternatives[only_one] = target.add_mutually_exclusive_group()
             target = alternatives[only_one]
         action = target.add_argument(_flag(each, said), dest=each.name, **_how(each, said))
-        action.range = said.get("range")  # for the page of all options
+        # For the page of all options.
+        action.range = said.get("range")  # type: ignore[attr-defined]
 
 
 def titled(parser: argparse.ArgumentParser, title: str) -> argparse._ActionsContainer:
