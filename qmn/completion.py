@@ -1,7 +1,7 @@
 """The command line as shtab and argparse-manpage read it: completion and the man page.
 
-`setup/install` calls both. What is typed as a path is completed from the files there are, a run
-also from the names in the folder of runs.
+`setup/install` calls both. A path is completed from existing files, a run also from the
+names in the folder of runs.
 """
 
 import argparse

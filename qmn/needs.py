@@ -15,7 +15,7 @@ CHOOSE = "several networks run: {}; choose one, as in `qmn enter --run {} qmn de
 
 
 class Needs(enum.Enum):
-    """What a verb needs."""
+    """The surroundings that a verb needs."""
 
     NOTHING = "nothing"
     ROOT = "root"
@@ -31,7 +31,7 @@ def needs_of(arguments: argparse.Namespace) -> Needs:
 
 
 def provide(arguments: argparse.Namespace, words: Sequence[str]) -> int | None:
-    """Go on, perhaps in other processes, where what a command needs is there: return None there.
+    """Go on, perhaps in other processes, where a command has what it needs: return None there.
 
     Else return an exit status. Raise NoRoot or NetworkError.
     """

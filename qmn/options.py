@@ -1,4 +1,4 @@
-"""Options that are fields of dataclasses (wire.parameters.option), said by a user.
+"""Options that are fields of dataclasses (wire.parameters.option), as a user gives them.
 
 length_km: float = option(0.01, "of every fibre (0.01)", metavar="KM", range=(0.0, 2_000.0))
 
@@ -26,7 +26,7 @@ ARGPARSE = ("metavar", "choices", "const")  # words that are argparse's
 
 
 class BadInput(Exception):
-    """What the user asked for cannot be done; the text names value and remedy."""
+    """The request cannot be done; the text names value and remedy."""
 
 
 def add_options(
@@ -36,23 +36,25 @@ def add_options(
     words: Mapping[str, Declaration] = NO_WORDS,
     group: str = "",
 ) -> None:
-    """Describe the options of a dataclass; `words` say some by name that it does not, or anew.
+    """Describe the options of a dataclass; `words` adds to or replaces declarations by name.
 
     Each is in the GROUP of the class that declares it, or else in this one, or in none.
     """
     alternatives: dict[str, argparse._ActionsContainer] = {}
     for each in _fields(kind):
-        said: Declaration = {**declared(each), **words.get(each.name, {})}
-        if "help" not in said or said.get("flag") == "" or each.name in leave_out:
+        declaration: Declaration = {**declared(each), **words.get(each.name, {})}
+        if "help" not in declaration or declaration.get("flag") == "" or each.name in leave_out:
             continue
-        target = titled(parser, said.get("group") or _group(kind, each.name) or group)
-        if only_one := said.get("instead_of"):
+        target = titled(parser, declaration.get("group") or _group(kind, each.name) or group)
+        if only_one := declaration.get("instead_of"):
             if only_one not in alternatives:
                 alternatives[only_one] = target.add_mutually_exclusive_group()
             target = alternatives[only_one]
-        action = target.add_argument(_flag(each, said), dest=each.name, **_how(each, said))
+        action = target.add_argument(
+            _flag(each, declaration), dest=each.name, **_how(each, declaration)
+        )
         # For the page of all options.
-        action.range = said.get("range")  # type: ignore[attr-defined]
+        action.range = declaration.get("range")  # type: ignore[attr-defined]
 
 
 def titled(parser: argparse.ArgumentParser, title: str) -> argparse._ActionsContainer:
@@ -66,7 +68,7 @@ def titled(parser: argparse.ArgumentParser, title: str) -> argparse._ActionsCont
 def read(
     kind: type[Kind], arguments: argparse.Namespace, parts: Parts = NO_PARTS, **known: Any
 ) -> Kind:
-    """Return the options of a dataclass as the command line has them; what is not said is left."""
+    """Return the options of a dataclass as the command line has them, or their defaults."""
     given = {name: value for name, value in vars(arguments).items() if value is not None}
     return CommandLineReader(given, known, parts).read(kind)
 
@@ -165,24 +167,24 @@ def _group(kind: "type[DataclassInstance]", name: str) -> str:
     return str(vars(declares).get("GROUP", ""))
 
 
-def _flag(option: "Field[Any]", said: Declaration) -> str:
+def _flag(option: "Field[Any]", declaration: Declaration) -> str:
     negated = "no-" if option.default is True else ""
-    return said.get("flag", f"--{negated}{option.name.replace('_', '-')}")
+    return declaration.get("flag", f"--{negated}{option.name.replace('_', '-')}")
 
 
-def _how(option: "Field[Any]", said: Declaration) -> dict[str, Any]:
-    help_text, kind = said["help"], _kind(option.type)
+def _how(option: "Field[Any]", declaration: Declaration) -> dict[str, Any]:
+    help_text, kind = declaration["help"], _kind(option.type)
     if kind is bool:
         action = "store_false" if option.default else "store_true"
         return {"action": action, "help": help_text}
-    default = said.get("default", option.default)
-    how: dict[str, Any] = {word: said.get(word) for word in ARGPARSE if word in said}
-    if "const" in said:
+    default = declaration.get("default", option.default)
+    how: dict[str, Any] = {word: declaration.get(word) for word in ARGPARSE if word in declaration}
+    if "const" in declaration:
         how["nargs"] = "?"
     if kind is tuple:
         many = {"action": "append", "default": []}
-        return {**how, **many, "type": said.get("parse", str), "help": help_text}
-    return {**how, "type": said.get("parse", kind), "default": default, "help": help_text}
+        return {**how, **many, "type": declaration.get("parse", str), "help": help_text}
+    return {**how, "type": declaration.get("parse", kind), "default": default, "help": help_text}
 
 
 def _kind(hint: Any) -> Any:
@@ -193,7 +195,7 @@ def _kind(hint: Any) -> Any:
 
 def _value(option: "Field[Any]", given: Any) -> Any:
     """Return the value of a keyword, read as its text would be on the command line."""
-    kind, said = _kind(option.type), declared(option)
+    kind, declaration = _kind(option.type), declared(option)
     if given is None and option.default is None:
         return None
     if kind is tuple:
@@ -204,8 +206,8 @@ def _value(option: "Field[Any]", given: Any) -> Any:
             raise BadInput(f"{option.name} {given!r}: choose True or False")
         return given
     value = _parsed(option, kind, given)
-    if "choices" in said:
-        check_choice(option.name, value, said["choices"], BadInput)
+    if "choices" in declaration:
+        check_choice(option.name, value, declaration["choices"], BadInput)
     return value
 
 

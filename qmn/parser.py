@@ -26,12 +26,12 @@ def listed(title: str, what: Mapping[str, str]) -> str:
 class Parser(argparse.ArgumentParser):
     """Takes options by their whole names alone: an abbreviation means another when options come.
 
-    What is wrong is one line, by the parser of the verb that it is said to, in the words of
+    An error is one line, by the parser of the verb concerned, in the words of
     wire/parameters/checks.py.
     """
 
     def __init__(self, headings: Mapping[str, Collection[str]] = NO_HEADINGS, **given: Any) -> None:
-        """Be argparse's own, but for that; so are the parsers of verbs.
+        """Accept argparse's arguments; parsers of verbs use this class, too.
 
         Help has the verbs below under `headings`, which name them.
         """

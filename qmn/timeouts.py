@@ -31,9 +31,9 @@ WORKERS_TIMEOUT_S = 20.0  # until as many Dask workers are there as machines are
 AGENT_END_TIMEOUT_S = 5.0  # until an agent has ended whose runner has gone
 
 # Attacks
-TOLD_TIMEOUT_S = 20.0  # until an attacker's program has said that it goes on
+ATTACKER_TIMEOUT_S = 20.0  # until an attacker's program begins, or an answer to it
 ATTACK_TIMEOUT_S = 60.0  # until an attack is over and has had its effect
-QUIET_S = 1.5  # without news before what has come of it is counted
+QUIET_S = 1.5  # without news before its effect is counted
 LIE_PERIOD_S = 0.1  # between two lies
 BELIEF_TIMEOUT_S = 3.0  # until a host believes one: it heeds none for 1 s after another's word
 SPEAKER_TIMEOUT_S = 5.0  # that an impostor waits for the next message, or for who connects

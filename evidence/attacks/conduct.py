@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from qmn.timeouts import ATTACK_TIMEOUT_S, QUIET_S, TOLD_TIMEOUT_S
+from qmn.timeouts import ATTACK_TIMEOUT_S, ATTACKER_TIMEOUT_S, QUIET_S
 from topologies.networks.network import Network
 from topologies.system.processes.programs import NetworkError, python
 from topologies.timeouts import POLL_S
@@ -18,14 +18,14 @@ ATTACKER, VICTIM, POSED = "charlie", "bob", "alice"
 
 def wait_for_line(network: Network, program: "subprocess.Popen[str]", line: str) -> None:
     """Wait until a program prints a line; raise NetworkError if it does not."""
-    deadline = time.monotonic() + TOLD_TIMEOUT_S
+    deadline = time.monotonic() + ATTACKER_TIMEOUT_S
     assert program.stdout is not None
     while (printed := program.stdout.readline()) and printed.strip() != line:
         network.check()
         if time.monotonic() > deadline:
             break
     if printed.strip() != line:
-        raise NetworkError(f"{ATTACKER}'s program did not say {line!r} in {TOLD_TIMEOUT_S:g} s")
+        raise NetworkError(f"{ATTACKER}'s program did not say {line!r} in {ATTACKER_TIMEOUT_S:g} s")
 
 
 def sent_count(output: str) -> int:

@@ -17,7 +17,7 @@ from evidence.attacks.conduct import (
     wait_for_line,
 )
 from evidence.attacks.frames import station
-from qmn.timeouts import ATTACK_TIMEOUT_S, BELIEF_TIMEOUT_S, TOLD_TIMEOUT_S
+from qmn.timeouts import ATTACK_TIMEOUT_S, ATTACKER_TIMEOUT_S, BELIEF_TIMEOUT_S
 from topologies.networks.network import Network
 from topologies.system.processes.programs import NetworkError
 from topologies.timeouts import POLL_S
@@ -87,7 +87,7 @@ def flood(network: Network, what: str, count: int, *words: str) -> None:
 def senders(switch: str) -> set[str]:
     command = ["ovs-ofctl", "-O", "OpenFlow14", "dump-flows", switch]
     done = subprocess.run(
-        command, capture_output=True, text=True, check=True, timeout=TOLD_TIMEOUT_S
+        command, capture_output=True, text=True, check=True, timeout=ATTACKER_TIMEOUT_S
     )
     return set(re.findall(r"dl_src=([0-9a-f:]+)", done.stdout))
 

@@ -24,7 +24,7 @@ from types import FrameType
 from scapy.layers.inet import IP, TCP
 from scapy.layers.l2 import ARP, Ether
 
-from qmn.timeouts import LIE_PERIOD_S, TOLD_TIMEOUT_S
+from qmn.timeouts import ATTACKER_TIMEOUT_S, LIE_PERIOD_S
 from wire.features import EVERYTHING, NodeFeatures
 from wire.lldp import ETHER_TYPE, announcement
 from wire.metadata.header import METADATA_PORT
@@ -157,7 +157,7 @@ def announcements(interface: str, count: int, name: str, address: str) -> int:
 
 
 def record(interface: str) -> int:
-    channel, deadline = opened(interface), time.monotonic() + TOLD_TIMEOUT_S
+    channel, deadline = opened(interface), time.monotonic() + ATTACKER_TIMEOUT_S
     while (left_s := deadline - time.monotonic()) > 0:
         if select.select([channel], [], [], left_s)[0]:
             frame, place = channel.recvfrom(65_536)

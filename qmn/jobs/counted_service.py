@@ -36,7 +36,7 @@ from wire.parameters.physics import BEAM_SPLITTER, Device
 
 
 class Length(NamedTuple):
-    """When a session is over: at so many of these, by this field of what its opener says."""
+    """The end of a session: a total of a unit, by a field of its opener's figures."""
 
     unit: str
     total: int
@@ -85,10 +85,10 @@ def job(request: ServiceRequest, network: NetworkDescription) -> runner.Job:
         acceptor=request.receiver,
         others=request.others,
         request=replace(request, phases_rad=_phases(request, network)),
-        said=f"{service} {_between(request)}: {length.total:,} {length.unit}",
+        announcement=f"{service} {_between(request)}: {length.total:,} {length.unit}",
         unit=length.unit,
         total=length.total,
-        done=lambda told: int(getattr(told, length.field, 0)),
+        done=lambda figures: int(getattr(figures, length.field, 0)),
         eve=attack_of(request, network),
         hand_out=request.hand_out,
     )
@@ -102,7 +102,7 @@ def length_of(options: ServiceOptions, verb: Verb) -> Length:
 
 
 def _phases(request: ServiceRequest, network: NetworkDescription) -> tuple[float, ...] | None:
-    """Return what the hosts of a line are to find out, which they are not told."""
+    """Return the phases that the hosts of a line estimate without knowing them."""
     if not isinstance(request.options, SensingOptions):
         return None
     devices = network.parts.hosts
@@ -220,7 +220,7 @@ def check_options(options: ServiceOptions, backend: str) -> None:
 def fitting_light(request: ServiceRequest, devices: Iterable[Device]) -> ServiceOptions:
     """Return the session's options with a rate and a size of blocks that every source can make.
 
-    What is asked for by name stays.
+    Values that the user named stay.
     """
     options, rate_hz, block_pairs = request.options, request.rate_hz, request.block_pairs
     sources = [device.source for device in devices if EMIT in device.features]

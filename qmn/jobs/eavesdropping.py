@@ -30,7 +30,7 @@ RELAYED = "mdi"  # the service whose light both ends send to a relay
 
 @dataclass(frozen=True)
 class Attack:
-    """What eve does."""
+    """An attack by eve."""
 
     fraction: float  # of the photons
     kind: str = RESEND
@@ -115,7 +115,7 @@ def eavesdropping(network: Network, attack: Attack | None, kept: ServiceJob) -> 
 
 
 def summary_of(eve: Program) -> Figures | EveFigures:
-    """Return what she said at her end; nothing if she was ended before."""
+    """Return her last figures; none if she was ended before."""
     for line in eve.log.read_text(errors="replace").splitlines():
         fields = fields_of(line)
         if fields.pop("event", None) == "done":

@@ -74,7 +74,7 @@ class RunContext:
 def known_facts(
     context: RunContext, service: str, hosts: Sequence[str], job: Job, request: Request
 ) -> RunResult:
-    """Return the facts before the start, as if nothing came of it."""
+    """Return the initial result, with no outcome yet."""
     options, run = context.network.options, context.options
     return RunResult(
         service=service,
@@ -164,7 +164,7 @@ def _running(
             try:
                 yield network
             except TransferError:  # the network lasts: a service has failed, or given no key
-                with suppress(NetworkError):  # which would be another cause than what is told
+                with suppress(NetworkError):  # which would hide the cause
                     _note_light(facts, network, chosen)
                 raise
         _note_light(facts, network, chosen)
@@ -185,7 +185,7 @@ def _note_light(facts: RunResult, network: Network, scale: Scale) -> None:
 
 @dataclass
 class Ended:
-    """What is told of a run that has ended, and not kept in its result."""
+    """Facts of a run that has ended which its result does not keep."""
 
     report: str = ""  # file, or how to make it
 
@@ -196,7 +196,7 @@ def ending(
 ) -> Iterator[Ended]:
     """Leave timeline, facts and report behind, whatever happens inside.
 
-    What ends the run tells where the report is; of a network that had not started there is none.
+    The end of a run names its report; a network that did not start has none.
     """
     ended = Ended()
     fault: Exception | None = None

@@ -32,7 +32,7 @@ from wire.results.time_series import Line, figures
 
 @dataclass(frozen=True)
 class Job:
-    """What two hosts do over a network."""
+    """A job of two hosts over a network."""
 
     service: str
     options: SessionOptions  # what the opener asks for, checked
@@ -40,10 +40,10 @@ class Job:
     acceptor: str
     others: tuple[str, ...] = field(default=(), kw_only=True)  # hosts that wait, too
     request: Request  # what was asked, checked
-    said: str  # when it begins
+    announcement: str  # printed when it begins
     unit: str  # what it is about, as people call it
     total: int  # of these
-    done: Callable[[Figures], int]  # how many of them the opener has told of
+    done: Callable[[Figures], int]  # how many of them the opener has reported
     rate: Callable[[Figures], float] | None = None  # of them in a second, if that is shown
     file: Path | None = None  # of bytes to send, for a service that carries some
     eve: eavesdropping.Attack | None = None  # None: she does nothing
@@ -69,7 +69,7 @@ def run(job: Job, context: RunContext) -> RunResult:
 def use_network(job: Job, context: RunContext, facts: RunResult, kept: ServiceJob) -> None:
     """Start the network, do the job, and add to the facts, and to what is kept of the job."""
     with running_network(context, facts, partial(_require_keys_here, job)) as network:
-        context.console.print(job.said)
+        context.console.print(job.announcement)
         with (
             eavesdropping.eavesdropping(network, job.eve, kept),
             _handing_out(network, job, kept) as take,
@@ -157,9 +157,9 @@ def _progress_bar(
         task = bar.add_task(job.unit, total=job.total, rate=0.0)
 
         def note(line: Line) -> None:
-            kept.asking = told = figures(line)
+            kept.asking = latest = figures(line)
             take()
-            rate = job.rate(told) if job.rate else 0.0
-            bar.update(task, completed=min(job.done(told), job.total), rate=rate)
+            rate = job.rate(latest) if job.rate else 0.0
+            bar.update(task, completed=min(job.done(latest), job.total), rate=rate)
 
         yield note

@@ -84,19 +84,19 @@ def job(request: SuperdenseRequest, file: Path) -> runner.Job:
         opener=request.sender,
         acceptor=request.receiver,
         request=request,
-        said=f"sending {file.name} from {request.sender} to {request.receiver} "
+        announcement=f"sending {file.name} from {request.sender} to {request.receiver} "
         f"by superdense coding ({options.handshake})",
         unit="pairs",
         total=pairs,
-        done=lambda told: pairs * _sent(told).delivered_bytes // max(size, 1),
-        rate=lambda told: _sent(told).pairs_per_s,
+        done=lambda figures: pairs * _sent(figures).delivered_bytes // max(size, 1),
+        rate=lambda figures: _sent(figures).pairs_per_s,
         file=file,
     )
 
 
-def _sent(told: Figures) -> SentFigures:
-    assert isinstance(told, SentFigures)  # as the application of this service tells
-    return told
+def _sent(figures: Figures) -> SentFigures:
+    assert isinstance(figures, SentFigures)  # as this service's application reports
+    return figures
 
 
 def check_input(
@@ -179,7 +179,7 @@ def tell_estimate(request: SuperdenseRequest, size: int, console: Console) -> No
 
 
 def captured_mb(handshake: str, pairs: int) -> float:
-    """Return what so many pairs leave in captures and, if it is made, in the timeline of all."""
+    """Return the bytes of `pairs` pairs in captures and, if it is made, in the timeline."""
     captured = pairs * CAPTURED_BYTES_PER_PAIR[handshake]
     merged = 0.0
     if captured <= MERGE_AT_MOST_BYTES:

@@ -60,7 +60,7 @@ def follow_all(
     deadline = time.monotonic() + limit_s
     going = {program.name: Lines(program) for program in programs}
     last: dict[str, Line] = {}
-    said: dict[str, Line] = {}
+    latest: dict[str, Line] = {}
     while going:
         for name, lines in list(going.items()):
             ended = not lines.program.running  # asked first, so that no line after it is missed
@@ -72,7 +72,7 @@ def follow_all(
                     last[name] = fields
                     break
                 if fields:
-                    said[name] = fields
+                    latest[name] = fields
                     progress(lines.program, fields)
             if name in last:
                 del going[name]
@@ -82,23 +82,23 @@ def follow_all(
         network.check()
         look()
         if going and time.monotonic() > deadline:
-            raise NetworkError(standing_still({name: said.get(name) for name in going}, limit_s))
+            raise NetworkError(no_progress({name: latest.get(name) for name in going}, limit_s))
         if going:
             time.sleep(POLL_S)
     return last
 
 
-def standing_still(said: Mapping[str, Mapping[str, Any] | None], limit_s: float) -> str:
-    """Return why a run ends whose programs say nothing, by the last that each has said.
+def no_progress(latest: Mapping[str, Mapping[str, Any] | None], limit_s: float) -> str:
+    """Return why a run of silent programs ends, by the last report of each.
 
     Only they know whether light was lost: who has lost none may be short of anything else.
     """
-    text = f"{', '.join(said)} made no progress for {limit_s:g} s"
-    for fields in said.values():
+    text = f"{', '.join(latest)} made no progress for {limit_s:g} s"
+    for fields in latest.values():
         if fields and fields.get("lost_pairs"):
             pairs = f"{fields['lost_pairs']:,} of {fields.get('bell_pairs', 0):,} pairs"
             return f"{text}; {pairs} were lost: is the loss of the fibres too high?"
-    heard = [f"{name}: {last_word(fields)}" for name, fields in said.items()]
+    heard = [f"{name}: {last_word(fields)}" for name, fields in latest.items()]
     return f"{text}; no host reported lost light; last reports: {', '.join(heard)}"
 
 

@@ -15,7 +15,7 @@ from wire.results.run_result import MachineFacts
 
 @dataclass(frozen=True, kw_only=True)
 class MachineOptions:
-    """What every verb that starts a network over several machines can be told."""
+    """Options of every verb that starts a network over several machines."""
 
     GROUP: ClassVar[str] = "several machines"
     machines: int = option(

@@ -21,7 +21,7 @@ from wire.parameters.physics import BadParameter
 
 
 class BadTopology(Exception):
-    """What the user asked of a topology cannot be had; the text names value and remedy."""
+    """The topology cannot be as requested; the text names value and remedy."""
 
 
 def is_custom(name: str) -> bool:

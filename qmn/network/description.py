@@ -1,4 +1,4 @@
-"""A network as it is to be: what a user has said of it, resolved once. This is what travels.
+"""A network as a user describes it, resolved once; this is passed on.
 
 A topology of ours, one of FILE.py:CLASS and one that a script makes become the same; what
 `mn --custom` is given is the same Topo.
@@ -132,7 +132,7 @@ def round_trip_s(topo: Topo, options: NetworkOptions) -> float:
 
 
 def part_options(options: NetworkOptions) -> PartOptions:
-    """Return what is said of single parts."""
+    """Return the settings of single parts."""
     return PartOptions(
         options.fiber,
         options.switch,

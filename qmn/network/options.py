@@ -49,7 +49,7 @@ class ShapeOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class LightOptions:
-    """What fibres, switches and devices are like."""
+    """Settings of fibres, switches and devices."""
 
     GROUP: ClassVar[str] = "light and noise"
     preset: str = option("ideal", "of fibres and devices (ideal)", choices=tuple(PRESETS))
@@ -111,7 +111,7 @@ class TimeOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkOptions(ShapeOptions, LightOptions, TimeOptions, NetworkSettings):
-    """What can be said of a network: its settings, and which nodes and fibres it has."""
+    """Options of a network: its settings, nodes and fibres."""
 
     topology: str = ""  # its name, or FILE.py:CLASS; empty: a script's own
 

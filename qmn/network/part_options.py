@@ -38,7 +38,7 @@ KIND_OF = {"fiber": "fibre", "switch": "quantum switch"}  # what an option is of
 
 @dataclass(frozen=True)
 class PartOptions:
-    """What is said of single fibres, switches and hosts; the words of the command line."""
+    """Settings of single fibres, switches and hosts; the words of the command line."""
 
     fiber: Sequence[str] = ()  # [A-B.]NAME=VALUE; without a place: of every fibre
     switch: Sequence[str] = ()  # [NAME.]NAME=VALUE; without a place: of every quantum switch
@@ -52,7 +52,7 @@ class PartOptions:
         return word in self.fiber and "." not in word.partition("=")[0]
 
     def of_every_fiber(self) -> dict[str, Any]:
-        """Return what is said of all fibres; raise BadTopology for no such parameter."""
+        """Return the settings of all fibres; raise BadTopology for no such parameter."""
         return {name: value for _word, place, name, value in self._fibers if not place}
 
     @cached_property

@@ -12,7 +12,7 @@ from wire.network_time import MOST_SCALE, NetworkTime
 
 PACED, STEPPED = "paced", "stepped"
 REAL, AUTO = 1.0, "auto"
-# What programs need from the arrival of a photon to what a host does next with it, and the bits
+# Time of programs from the arrival of a photon to what a host does next with it, and the bits
 # from its peer: 5 to 20 ms of idle processors, by `software_s` of runs on two cores.
 SOFTWARE_S = 0.02
 SHARE = 0.01  # of the shortest time, that software may take
@@ -28,7 +28,7 @@ class Scale:
 
 
 def scale(text: str) -> float | str:
-    """Return what the command line says; raise ArgumentTypeError for what no scale is."""
+    """Return the scale of a word; raise ArgumentTypeError if it is none."""
     if text == AUTO:
         return AUTO
     try:

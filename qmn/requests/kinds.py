@@ -24,12 +24,12 @@ class Kept:
     known: Mapping[str, Any] = field(default_factory=dict)  # fields that are not kept
     parts: Mapping[str, type[Any]] = field(default_factory=dict)  # their classes
 
-    def read(self, given: Mapping[str, Any], **told: Any) -> Request:
-        """Return the request; `told` is what a result tells elsewhere.
+    def read(self, given: Mapping[str, Any], **elsewhere: Any) -> Request:
+        """Return the request; `elsewhere` are fields that a result has beside the request.
 
         Raise MalformedPacket for a name or a value that no such request has.
         """
-        request: Request = read_kept(self.kind, given, self.parts, **self.known, **told)
+        request: Request = read_kept(self.kind, given, self.parts, **self.known, **elsewhere)
         return request
 
     @property

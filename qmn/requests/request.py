@@ -18,4 +18,4 @@ class Request(Protocol):
 
     @property
     def run(self) -> RunOptions:
-        """What every run can be told."""
+        """Options of every run."""

@@ -23,7 +23,7 @@ def omitted(text: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class LiveOptions:
-    """What every verb that starts networks can be told of a page."""
+    """Options of the live page, of every verb that starts networks."""
 
     live: bool = option(
         False,
@@ -34,7 +34,7 @@ class LiveOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions(LiveOptions, MachineOptions):
-    """What every run can be told beside its network and its job."""
+    """Options of every run beside its network and its job."""
 
     runs: Path = option(
         Path("runs"), "folder for what runs leave (runs)", metavar="DIR", recorded=False

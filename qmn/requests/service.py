@@ -19,7 +19,7 @@ from wire.parameters.option import option, recorded_as
 
 @dataclass(frozen=True, kw_only=True)
 class SenderOptions:
-    """Who asks, where not a line of hosts says it."""
+    """The two ends, if no line of hosts names them."""
 
     sender: str = option("alice", "that asks (alice)", flag="--from", metavar="HOST")
 
@@ -58,7 +58,7 @@ class EavesdropperOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class HandOutOptions:
-    """What becomes of keys."""
+    """The use of keys."""
 
     hand_out: Path | None = option(
         None,
@@ -87,7 +87,7 @@ class SwapOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ServiceRequest(SenderOptions, BlockOptions, EavesdropperOptions, HandOutOptions, SwapOptions):
-    """What is asked of a service, and in which network."""
+    """A request of a service, and its network."""
 
     service: str
     # Not asked for: what hosts are to find out, by their devices; None: nothing.

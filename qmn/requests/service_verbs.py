@@ -1,4 +1,4 @@
-"""The services that `qmn run` has; what each can be told are the options of its session."""
+"""The services that `qmn run` has, each with the options of its session."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

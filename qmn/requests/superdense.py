@@ -17,7 +17,7 @@ SERVICE = Service.SDC.name.lower()
 
 @dataclass(frozen=True, kw_only=True)
 class SuperdenseRequest:
-    """What is sent, how, and in which network."""
+    """A message to send, how, and in which network."""
 
     # The result of a run has the file of both.
     message: str | None = option(

@@ -47,7 +47,7 @@ def artifacts_of(options: NetworkOptions, folder: Path | None) -> Iterator[Netwo
 def _forget_earlier(folder: Path) -> None:
     """Remove what would be taken for this network's, if an earlier one had this folder.
 
-    Logs and records begin anew when they are opened; see `Runtime.private_file`.
+    Logs and records are emptied when they are opened; see `Runtime.private_file`.
     """
     if any((folder / name).exists() for name in (RESULT, RECORD)):
         for left in (folder / RESULT, folder / (RECORD + EARLIER), *folder.glob("*.pcap")):

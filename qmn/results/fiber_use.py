@@ -15,14 +15,14 @@ def fiber_use(network: NetworkFacts, events: Iterable[Event]) -> Use:
     """Return when each fibre was in use, those that never were with no intervals.
 
     A fibre is in use in a direction as long as the switch that it leads to, or comes from, has a
-    cross-connect for its port. What is still open at the end lasts until the last event.
+    cross-connect for its port. Intervals still open at the end last until the last event.
     """
     switches = {switch.name for switch in network.switches}
     at: dict[tuple[FiberEnd, bool], str] = {}  # a switch's port, and whether light comes in by it
     names: dict[str, None] = {}
     for fiber in network.fibers:
         for begin, end in ((fiber.a, fiber.b), (fiber.b, fiber.a)):
-            name = f"{_said(begin, switches)} → {_said(end, switches)}"
+            name = f"{_name(begin, switches)} → {_name(end, switches)}"
             names[name] = None
             if begin.node in switches:
                 at[begin, False] = name
@@ -68,7 +68,7 @@ def _ended(
             use[at[key]].append((begin_ns, end_ns))
 
 
-def _said(end: FiberEnd, switches: set[str]) -> str:
+def _name(end: FiberEnd, switches: set[str]) -> str:
     return f"{end.node}:{end.port}" if end.node in switches else end.port
 
 

@@ -34,19 +34,21 @@ def complete(facts: RunResult, folder: Path) -> None:
     if isinstance(facts.job, ServiceJob) and facts.job.message is not None:
         facts.job.message = service_result.message(facts.job.message.file, folder)
         facts.delivered = facts.job.message.arrived
-    told = vars(facts.asking)
-    facts.elapsed_s = told.get("elapsed_s", facts.elapsed_s)
-    facts.emulation = emulation(told, facts.elapsed_s, facts.time_scale)
+    figures = vars(facts.asking)
+    facts.elapsed_s = figures.get("elapsed_s", facts.elapsed_s)
+    facts.emulation = emulation(figures, facts.elapsed_s, facts.time_scale)
     note_controller(facts, read_record(folder))
     facts.write(folder)
 
 
 def emulation(
-    told: Mapping[str, Any], elapsed_s: float | None, time_scale: float | None
+    figures: Mapping[str, Any], elapsed_s: float | None, time_scale: float | None
 ) -> dict[str, float]:
-    """Return the speed of the emulation: how long it took here, if told, and rates by the wall."""
+    """Return the speed of the emulation: how long it took here, if known, and rates by the wall."""
     scale = time_scale or 1.0  # a run that did not start has none
-    rates = {name: rate / scale for name, rate in told.items() if name.endswith("_per_s") and rate}
+    rates = {
+        name: rate / scale for name, rate in figures.items() if name.endswith("_per_s") and rate
+    }
     return rates if elapsed_s is None else {"elapsed_s": elapsed_s * scale, **rates}
 
 
@@ -136,7 +138,7 @@ def captures(facts: RunResult, folder: Path) -> str:
 
 
 def files_ended(facts: RunResult) -> dict[str, str]:
-    """Return what is said of files that have become too long, if there are any."""
+    """Return the row of files that have become too long, if there are any."""
     if not facts.files_ended:
         return {}
     names = ", ".join(facts.files_ended)
@@ -153,16 +155,16 @@ def lost_waiting(facts: RunResult) -> dict[str, str]:
 
 def approximations(facts: RunResult) -> dict[str, str]:
     """Return why a result is not exact, and by how much, if it is not."""
-    told = [f"{each.name}: {said_size(each)}" for each in facts.approximations]
-    return {"approximated": "; ".join(told)} if told else {}
+    texts = [f"{each.name}: {size_text(each)}" for each in facts.approximations]
+    return {"approximated": "; ".join(texts)} if texts else {}
 
 
-def said_size(each: Approximated) -> str:
+def size_text(each: Approximated) -> str:
     return f"a probability is wrong by {each.most:.2g} at most"
 
 
 def rows_of_every_run(facts: RunResult, folder: Path, report: str) -> dict[str, str]:
-    """Return what is said of light paths, simulation and files, whatever the run was for.
+    """Return rows about light paths, simulation and files, for every kind of run.
 
     `report` is its file, or how to make it.
     """

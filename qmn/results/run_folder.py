@@ -70,7 +70,7 @@ def point_latest(folder: Path) -> None:
 def lasting(folder: Path, further: tuple[type[Exception], ...] = ()) -> Iterator[None]:
     """Raise NetworkError if the folder of a run does not last, or cannot be written any more.
 
-    That is the cause of a NetworkError, an OSError or a further fault that comes of it.
+    That is the cause of a NetworkError, an OSError or a further fault that follows.
     """
     faults: tuple[type[Exception], ...] = (NetworkError, OSError, *further)
     try:

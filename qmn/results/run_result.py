@@ -2,7 +2,7 @@
 
 A network of `qmn cli` or of a script, on which more than one thing is done, leaves a NetworkResult;
 a run of `qmn run` a RunResult, with what is of its kind of job alone in `job`. Times and rates are
-those of the network if nothing else is said.
+those of the network unless stated otherwise.
 """
 
 import json
@@ -35,13 +35,13 @@ from wire.results.run_result import (
     WatchedLight,
 )
 
-UNSAID = (None, (), "")  # values of options that a result of a network does not tell
-TOLD = ("topology", "controller", "seed")  # options that a result of a network has beside
+ABSENT = (None, (), "")  # values of options that a result of a network leaves out
+BESIDE = ("topology", "controller", "seed")  # options that a result of a network has beside
 
 
 @dataclass(kw_only=True)
 class NetworkResult:
-    """What every network leaves."""
+    """The result of every network."""
 
     topology: str | None  # None: a script's own
     mode: str  # native or docker
@@ -72,17 +72,17 @@ class NetworkResult:
 
     @property
     def settings(self) -> NetworkSettings:
-        """Those of the network's programs; what is not told is as always."""
+        """Those of the network's programs; values left out are defaults."""
         asked = self.parameters
         return asked if isinstance(asked, NetworkOptions) else asked.network
 
     @property
-    def told_parameters(self) -> dict[str, Any]:
+    def recorded_parameters(self) -> dict[str, Any]:
         """The parameters as the file has them: of a network all options that say something."""
         if not isinstance(self.parameters, NetworkOptions):
             return kept(self.parameters)
-        given = {name: v for name, v in asdict(self.parameters).items() if name not in TOLD}
-        return {name: value for name, value in given.items() if value not in UNSAID}
+        given = {name: v for name, v in asdict(self.parameters).items() if name not in BESIDE}
+        return {name: value for name, value in given.items() if value not in ABSENT}
 
     def write(self, folder: Path) -> None:
         """Write result.json into the folder of the network."""
@@ -95,7 +95,7 @@ class NetworkResult:
 
     @property
     def _plain(self) -> dict[str, Any]:
-        return {**vars(self), "parameters": self.told_parameters}
+        return {**vars(self), "parameters": self.recorded_parameters}
 
 
 def _plain(value: Any) -> dict[str, Any]:
@@ -133,7 +133,7 @@ class RunResult(NetworkResult):
 
     @property
     def asking(self) -> Figures:
-        """What the host that asks has said at the end; of NetQASM programs nothing."""
+        """The last figures of the requesting host; none of NetQASM programs."""
         return Figures() if isinstance(self.job, NetqasmJob) else self.job.asking
 
     @property

@@ -16,7 +16,7 @@ from typing import Any, get_args
 from qmn.network.options import NetworkOptions
 from qmn.requests.keeping import kept_fields, read_fields
 from qmn.requests.run_options import RunOptions
-from qmn.results.run_result import TOLD, UNSAID, NetworkResult, RunResult
+from qmn.results.run_result import ABSENT, BESIDE, NetworkResult, RunResult
 from wire import typed_json
 from wire.malformed import MalformedPacket
 from wire.parameters.checks import remedy
@@ -30,52 +30,57 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def json_schema() -> Schema:
-    told: Schema = {}
+    definitions: Schema = {}
     one_of = []
-    for kind, asked in ((RunResult, _requests(told)), (NetworkResult, _network(told))):
-        one_of.append(schema.schema_of(kind, told, {"parameters": asked}))
-    return {"$schema": DIALECT, "title": "result.json", "oneOf": one_of, "$defs": told}
+    for kind, asked in (
+        (RunResult, _requests(definitions)),
+        (NetworkResult, _network(definitions)),
+    ):
+        one_of.append(schema.schema_of(kind, definitions, {"parameters": asked}))
+    return {"$schema": DIALECT, "title": "result.json", "oneOf": one_of, "$defs": definitions}
 
 
-def _requests(told: Schema) -> Schema:
-    """Return the schema of what runs keep of requests; each one is added to those told.
+def _requests(definitions: Schema) -> Schema:
+    """Return the schema of what runs keep of requests; each one is added to `definitions`.
 
     Of every job there are the parameters of the network, and those that are its own.
     """
     from qmn.requests.kinds import KEPT  # requests take a moment to load
 
     common = {**kept_fields(NetworkOptions), **kept_fields(RunOptions)}
-    told[COMMON] = _object(common, NetworkOptions, told, (None,))
+    definitions[COMMON] = _object(common, NetworkOptions, definitions, (None,))
     for name, kept in KEPT.items():
         own = {name: each for name, each in kept.fields.items() if name not in common}
-        told[OF_JOB + name] = {
-            **_object(own, kept.kind, told, (None,)),
+        definitions[OF_JOB + name] = {
+            **_object(own, kept.kind, definitions, (None,)),
             "allOf": [{"$ref": f"#/$defs/{COMMON}"}],
             "unevaluatedProperties": False,
         }
     return {"anyOf": [{"$ref": f"#/$defs/{OF_JOB}{name}"} for name in KEPT]}
 
 
-def _network(told: Schema) -> Schema:
-    kept = {each.name: each for each in fields(NetworkOptions) if each.name not in TOLD}
-    return {**_object(kept, NetworkOptions, told, UNSAID), "additionalProperties": False}
+def _network(definitions: Schema) -> Schema:
+    kept = {each.name: each for each in fields(NetworkOptions) if each.name not in BESIDE}
+    return {**_object(kept, NetworkOptions, definitions, ABSENT), "additionalProperties": False}
 
 
 def _object(
-    kept: Mapping[str, Any], kind: type[Any], told: Schema, unsaid: tuple[object, ...]
+    kept: Mapping[str, Any], kind: type[Any], definitions: Schema, absent: tuple[object, ...]
 ) -> Schema:
-    """Return the schema of fields by name, of which values that are unsaid are not there."""
-    always = (name for name, each in kept.items() if each.default not in unsaid)
+    """Return the schema of fields by name, without values that are absent."""
+    always = (name for name, each in kept.items() if each.default not in absent)
     return {
         "type": "object",
         "description": " ".join((kind.__doc__ or "").split()),
-        "properties": {name: schema.schema_of(_there(f.type), told) for name, f in kept.items()},
+        "properties": {
+            name: schema.schema_of(_there(f.type), definitions) for name, f in kept.items()
+        },
         "required": sorted(name for name in always if "of" not in declared(kept[name])),
     }
 
 
 def _there(kind: Any) -> Any:
-    """Return what a value is of that is there: None is not kept."""
+    """Return the type of a value that is present: None is not kept."""
     if isinstance(kind, UnionType):
         kinds = [each for each in get_args(kind) if each is not NoneType]
         return kinds[0] if len(kinds) == 1 else kind
@@ -90,7 +95,7 @@ def read_left(folder: Path) -> NetworkResult:
 def of_either_kind(given: Any) -> NetworkResult:
     """Return the result of a run or of a network; raise MalformedPacket for anything else."""
     head = schema.head_of(given)
-    if missing := [name for name in (*TOLD, "parameters") if name not in given]:
+    if missing := [name for name in (*BESIDE, "parameters") if name not in given]:
         raise MalformedPacket(f"the result has no {', '.join(missing)}")
     return read_run(given) if head.service is not None else _read_network(given)
 
@@ -99,7 +104,7 @@ def read_run(given: dict[str, Any]) -> RunResult:
     """Return the result of a run as decoded JSON says it; raise MalformedPacket for others."""
     from qmn.requests.kinds import KEPT, job_of
 
-    head, known = schema.head_of(given), {name: given.get(name) for name in (*TOLD, "backend")}
+    head, known = schema.head_of(given), {name: given.get(name) for name in (*BESIDE, "backend")}
     kept = KEPT.get(job_of(head.service or "", head.job))
     if kept is None:
         service = head.service or ""
@@ -109,9 +114,9 @@ def read_run(given: dict[str, Any]) -> RunResult:
 
 
 def _read_network(given: dict[str, Any]) -> NetworkResult:
-    kept = {each.name: each for each in fields(NetworkOptions) if each.name not in TOLD}
-    told = {name: given[name] for name in TOLD if given[name] is not None}
-    asked = NetworkOptions(**read_fields(kept, given["parameters"]), **told)
+    kept = {each.name: each for each in fields(NetworkOptions) if each.name not in BESIDE}
+    beside = {name: given[name] for name in BESIDE if given[name] is not None}
+    asked = NetworkOptions(**read_fields(kept, given["parameters"]), **beside)
     return typed_json.read(NetworkResult, {**given, "parameters": asked})
 
 

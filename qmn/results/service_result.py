@@ -1,4 +1,4 @@
-"""The part of a result that a job adds: what both ends said at the end, and bytes they moved."""
+"""The part of a result that a job adds: the last figures of both ends, and bytes they moved."""
 
 from hashlib import file_digest
 from pathlib import Path
@@ -28,43 +28,43 @@ def sha256(file: Path) -> str | None:
 def rows(job: Job) -> dict[str, str]:
     if isinstance(job, NetqasmJob):
         return {}
-    told = _sent(job.asking) if isinstance(job.asking, SentFigures) else _plain(job.asking)
+    texts = _sent(job.asking) if isinstance(job.asking, SentFigures) else _plain(job.asking)
     if (vars(job.asking).get("net_key_bits") or 0) < 0:
-        told["net key bits"] += " (its session has used more of older keys than it has made)"
+        texts["net key bits"] += " (its session has used more of older keys than it has made)"
     if not isinstance(job, ServiceJob):
-        return told
+        return texts
     if job.message is not None:
         outcome = "delivered exactly" if job.message.arrived else "NOT DELIVERED"
-        told = {"message": f"{job.message.bytes:,} bytes, {outcome}", **told}
+        texts = {"message": f"{job.message.bytes:,} bytes, {outcome}", **texts}
     eve = _plain(job.eve) if job.eve is not None else {}
-    return told | {f"eve: {name}": value for name, value in eve.items()}
+    return texts | {f"eve: {name}": value for name, value in eve.items()}
 
 
-def _plain(told: Figures) -> dict[str, str]:
-    return {name.replace("_", " "): number_text(value) for name, value in vars(told).items()}
+def _plain(figures: Figures) -> dict[str, str]:
+    return {name.replace("_", " "): number_text(value) for name, value in vars(figures).items()}
 
 
-def _sent(told: SentFigures) -> dict[str, str]:
-    rate = told.symbol_error_rate
+def _sent(figures: SentFigures) -> dict[str, str]:
+    rate = figures.symbol_error_rate
     return {
-        "Bell pairs used": f"{told.bell_pairs:,}",
-        "pairs lost": f"{told.lost_pairs:,}",
+        "Bell pairs used": f"{figures.bell_pairs:,}",
+        "pairs lost": f"{figures.lost_pairs:,}",
         "symbol error rate": "no symbol received" if rate is None else f"{rate:.4g}",
-        **coding(told),
-        "repeated frames": f"{told.repeated_frames:,}",
-        "pairs/s": f"{told.pairs_per_s:,.0f} ({told.elapsed_s:.2f} s)",
+        **coding(figures),
+        "repeated frames": f"{figures.repeated_frames:,}",
+        "pairs/s": f"{figures.pairs_per_s:,.0f} ({figures.elapsed_s:.2f} s)",
     }
 
 
-def coding(told: SentFigures) -> dict[str, str]:
+def coding(figures: SentFigures) -> dict[str, str]:
     """Return the lines about the error-correction code; none if there was no code."""
-    if not told.fec:
+    if not figures.fec:
         return {}
-    order = "interleaved" if told.interleave else "not interleaved"
+    order = "interleaved" if figures.interleave else "not interleaved"
     return {
-        "code": f"{setting_name('fec', told.fec)}, {order}, rate {told.code_rate:.3f}",
-        "put right by it": f"{told.corrected_symbols:,} wrong symbols, "
-        f"{told.filled_symbols:,} lost ones",
+        "code": f"{setting_name('fec', figures.fec)}, {order}, rate {figures.code_rate:.3f}",
+        "put right by it": f"{figures.corrected_symbols:,} wrong symbols, "
+        f"{figures.filled_symbols:,} lost ones",
     }
 
 

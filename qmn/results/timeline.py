@@ -2,7 +2,7 @@
 
 Packets of several captures in the order of time, in memory that does not grow with their number.
 
-Where each packet is gets noted in 32 bytes; so many notes at a time are sorted and put into a file,
+The place of each packet is noted in 32 bytes; notes are sorted in batches, each put into a file,
 and the sorted parts are then read beside each other.
 """
 
@@ -95,7 +95,7 @@ def captured_bytes(run: Path) -> int:
 def merge(run: Path, target: Path | None = None, packet_bytes: int | None = None) -> Path:
     """Write the timeline of a run's folder, by default into it; return the file.
 
-    Of packets, not of events, it has so many bytes each at most; None: all that was captured.
+    It has at most `packet_bytes` of each packet; None: all that was captured.
 
     Packets are on interfaces named after their capture files, events on those that they
     have in the dispatcher's file. Raise NoCaptures where there is nothing, MalformedPacket

@@ -23,7 +23,7 @@ FREE_BYTES, MOST_RATIO = 256 << 20, 100  # unpacked, and beyond that times the a
 
 
 MADE = (SCRIPT, PROTOCOL.name, REPORT)  # from the rest, by qmn itself
-# What zipfile and its decompressors raise for a file that is spoiled, cut off or encrypted.
+# Errors of zipfile and its decompressors for a file that is spoiled, cut off or encrypted.
 UNREADABLE = (
     *(zipfile.BadZipFile, EOFError, RuntimeError, ValueError, OverflowError),
     *(lzma.LZMAError, struct.error, zlib.error),

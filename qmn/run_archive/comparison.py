@@ -13,13 +13,13 @@ from wire.results import schema
 from wire.results.run_result import RESULT, Message
 
 Row = tuple[str, str, str]
-TOLD = ("service", "topology", "controller", "seed", "parameters")
+COMPARED = ("service", "topology", "controller", "seed", "parameters")
 DIGITS = 12  # of a digest, by which people tell messages apart
 FROM_THE_START = ("open", "create", "send", "arrive", "store", "measure", "bell-measure", "close")
 
 
 def parameters(one: Path, two: Path) -> list[Row]:
-    first, second = ({**_plain(_result(run), TOLD), **_sent(run)} for run in (one, two))
+    first, second = ({**_plain(_result(run), COMPARED), **_sent(run)} for run in (one, two))
     return [row for row in _beside(first, second) if row[1] != row[2]]
 
 
@@ -29,8 +29,8 @@ def _sent(run: Path) -> dict[str, str]:
         return {}
     message = typed_json.read(Message, given, "job.message")
     digest = message.sha256_sent
-    told = f"SHA-256 {digest[:DIGITS]}" if digest else Path(message.file).name
-    return {"message": f"{message.bytes:,} bytes, {told}"}
+    identity = f"SHA-256 {digest[:DIGITS]}" if digest else Path(message.file).name
+    return {"message": f"{message.bytes:,} bytes, {identity}"}
 
 
 def figures(one: Path, two: Path) -> list[Row]:
@@ -40,8 +40,8 @@ def figures(one: Path, two: Path) -> list[Row]:
     first, second = (
         _plain(result, [name for name in result if name not in left_out]) for result in results
     )
-    told = {name for each in (first, second) for name, value in each.items() if _number(value)}
-    return list(_beside(first, second, told))
+    names = {name for each in (first, second) for name, value in each.items() if _number(value)}
+    return list(_beside(first, second, names))
 
 
 def moments(one: Path, two: Path) -> list[Row]:

@@ -1,6 +1,6 @@
-"""The runs of a folder, in a table of SQLite beside them that is made anew if it is lost.
+"""The runs of a folder, in a table of SQLite beside them that is made again if it is lost.
 
-What is in the table follows from the folders alone. A run is read again when its result has
+The table follows from the folders alone. A run is read again when its result has
 changed, and leaves the table when its folder has gone.
 """
 
@@ -101,10 +101,10 @@ def _none(path: Path, error: Exception) -> str:
 def differing(head: Head) -> dict[str, Parameter]:
     """Return the parameters of a run that say something: those that are not the default."""
     defaults = _defaults(head)
-    told = {"controller": head.controller, "seed": head.seed, **head.parameters}
+    values = {"controller": head.controller, "seed": head.seed, **head.parameters}
     return {
         name: value
-        for name, value in told.items()
+        for name, value in values.items()
         if name not in ALWAYS
         and value is not None
         and value not in ([], "")
@@ -132,7 +132,7 @@ def _result_ns(path: Path) -> int:
 
 @contextmanager
 def _opened(file: Path) -> Iterator[sqlite3.Connection]:
-    """Open the index, anew if the file is not one; one that cannot be written is not kept."""
+    """Open the index, a new one if the file is none; one that cannot be written is not kept."""
     writable = os.access(file if file.exists() else file.parent, os.W_OK)
     index = _connected(file if writable else Path(":memory:"))
     try:

@@ -39,28 +39,28 @@ def stamp_of(name: str) -> time.struct_time:
     return time.strptime(name[:15], STAMP)
 
 
-def find_run(said: str, runs: Path = RUNS) -> Path:
-    """Return the path that is said, or that of the run of this name in the folder of runs.
+def find_run(text: str, runs: Path = RUNS) -> Path:
+    """Return the named path, or that of the run of this name in the folder of runs.
 
     A part of the name will do if only one run has it. Raise UnknownRun, or OSError.
     """
-    path = Path(said)
-    named = said not in HERE and path.name == said
-    if named and (runs / said).exists():
-        return runs / said
+    path = Path(text)
+    named = text not in HERE and path.name == text
+    if named and (runs / text).exists():
+        return runs / text
     if path.exists():
         return path
     folder = runs if named else path.parent
     names = _newest_first(folder)
-    meant = [name for name in names if named and said in name]
+    meant = [name for name in names if named and text in name]
     if len(meant) == 1:
         return runs / meant[0]
     if meant:
-        raise UnknownRun(f"{said!r} is of {len(meant)} runs: choose one of {_some(meant)}")
+        raise UnknownRun(f"{text!r} is of {len(meant)} runs: choose one of {_some(meant)}")
     if not names:
         remedy_words = "make one, as by `qmn run sdc`, or name the folder of a run"
-        raise UnknownRun(f"there is no run {said!r}, and none in {folder}: {remedy_words}")
-    raise UnknownRun(f"there is no run {said!r}: {remedy(path.name, names, [_some(names)])}")
+        raise UnknownRun(f"there is no run {text!r}, and none in {folder}: {remedy_words}")
+    raise UnknownRun(f"there is no run {text!r}: {remedy(path.name, names, [_some(names)])}")
 
 
 def _newest_first(folder: Path) -> list[str]:
@@ -73,10 +73,10 @@ def _some(names: Iterable[str]) -> str:
     return ", ".join(first) + (f" ({len(rest)} more: `qmn runs` lists them)" if rest else "")
 
 
-def run_given(said: str) -> Path:
+def run_given(text: str) -> Path:
     """Return the path of the run that an argument means; raise ArgumentTypeError for none."""
     try:
-        return find_run(said)
+        return find_run(text)
     except UnknownRun as error:
         raise argparse.ArgumentTypeError(str(error)) from error
     except OSError as error:

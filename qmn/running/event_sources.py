@@ -31,7 +31,7 @@ def attached(config: DispatcherConfig, request: WatchRequest) -> Iterator[Event]
 
 
 def gathered(config: DispatcherConfig, request: WatchRequest) -> Iterator[Sequence[Event]]:
-    """Yield events as they happen, those together that are told together, until the network ends.
+    """Yield events as they happen, in the groups of the dispatcher, until the network ends.
 
     The dispatcher keeps a bounded number for a slow reader and says how many it has dropped; those
     that it still keeps when it ends are counted as dropped, too.
@@ -48,10 +48,10 @@ def gathered(config: DispatcherConfig, request: WatchRequest) -> Iterator[Sequen
         stream = stub.Watch(request, metadata=metadata(config.tokens[RUNNER]))
         with Unread(Path(config.event_capture or os.devnull), request, time.time_ns()) as unread:
             try:
-                for told in stream:
-                    for event in told.events:
+                for group in stream:
+                    for event in group.events:
                         unread.read(event)
-                    yield told.events
+                    yield group.events
             except grpc.RpcError as error:
                 if error.code() not in ENDED:
                     raise NetworkError(f"the dispatcher ended it: {error.details()}") from error

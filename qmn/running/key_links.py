@@ -25,15 +25,15 @@ def key_links(nodes: list[dict[str, Any]]) -> Iterator[KeyLink]:
         for link in node["qkd_links"]["qkd_link"]:
             if link["qkdl_type"] != "PHYS":
                 continue
-            told, performance = link["qmn"], link["qkdl_performance"]
-            here, there = told["stored_keys"]
+            own, performance = link["qmn"], link["qkdl_performance"]
+            here, there = own["stored_keys"]
             values = [each["value"] for each in performance.get("phys_perf", ())]
             yield KeyLink(
-                told["from"],
-                told["to"],
+                own["from"],
+                own["to"],
                 here,
                 there,
-                told["max_key_count"],
+                own["max_key_count"],
                 performance["skr"],
                 values[0] if values else None,
                 link["qkdl_status"].lower(),

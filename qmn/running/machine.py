@@ -47,7 +47,7 @@ def check_machine() -> Iterator[Finding]:
 
 
 def user() -> Finding:
-    """Who asks: namespaces and bridges are root's."""
+    """The user: namespaces and bridges are root's."""
     if os.geteuid() == 0:
         return Finding("user", WORKS, "root")
     remedy = "`sudo qmn doctor` checks more; verbs that need root ask for it by themselves"
@@ -66,7 +66,7 @@ def open_files() -> Finding:
 
 
 def kernel() -> Iterator[Finding]:
-    """What the kernel must be able to do."""
+    """Features of the kernel."""
     module = "load the kernel module {0} (modprobe {0}), or use a kernel that has it"
     tries = (
         ("network namespaces", FAILS, ["true"], "allow them: in a container CAP_SYS_ADMIN"),
@@ -124,7 +124,7 @@ def packages() -> Finding:
 
 
 def python_packages() -> Finding:
-    """What the programs import: Mininet, of Debian, and what pyproject.toml lists."""
+    """Packages of the programs: Mininet, of Debian, and what pyproject.toml lists."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     wanted = [re.split(r"[^\w.-]", each)[0] for each in project["dependencies"]]
     missing = [] if find_spec("mininet") else ["mininet"]

@@ -29,7 +29,7 @@ STARTING = "the network is still starting; try again when it has started"
 
 @dataclass(frozen=True)
 class RunningNetwork:
-    """What other programs are told of a network."""
+    """A network as other programs know it."""
 
     folder: str  # of its files
     since_ns: int  # on the clock of the captures
@@ -45,7 +45,7 @@ def announce_network(runtime: Runtime, facts: NetworkResult) -> None:
     assert facts.network is not None
     facts.write_begun(runtime.logs, keeper())
     stacks = {host: runtime.socket(host) for host in runtime.addresses}
-    told = RunningNetwork(
+    announced = RunningNetwork(
         str(runtime.logs),
         time.time_ns(),
         runtime.time_scale,
@@ -54,7 +54,7 @@ def announce_network(runtime: Runtime, facts: NetworkResult) -> None:
         runtime.own_datapath_ids,
         patience_s(runtime),
     )
-    (runtime.folder / NETWORK).write_text(json.dumps(asdict(told)))
+    (runtime.folder / NETWORK).write_text(json.dumps(asdict(announced)))
 
 
 def announced_network(root: Path = RUNTIME_ROOT) -> RunningNetwork:

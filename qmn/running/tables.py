@@ -111,8 +111,8 @@ def features_of(host: dict[str, Any]) -> str:
     features = host.get("features")
     if features is None:
         return "unknown"
-    told = {"store": f"store {host['memory_qubits']:,}"}
-    return " ".join(told.get(feature, feature) for feature in features) or "nothing"
+    texts = {"store": f"store {host['memory_qubits']:,}"}
+    return " ".join(texts.get(feature, feature) for feature in features) or "nothing"
 
 
 def state(device: dict[str, Any]) -> str:

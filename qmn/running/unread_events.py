@@ -21,15 +21,15 @@ class Unread:
         self._file = file.open("rb")
         self._request, self._since_ns = request, since_ns
         self._last: Event | None = None
-        self._told = 0  # of those behind the last one, already said to be dropped
+        self._reported = 0  # of those behind the last one, already reported as dropped
 
     def read(self, event: Event) -> None:
         if event.photon:
             return  # of a block whose event has come, and not always in the file
         if event.kind == DROPPED:
-            self._told += dropped(event)
+            self._reported += dropped(event)
         else:
-            self._last, self._told = event, 0
+            self._last, self._reported = event, 0
 
     def end(self) -> Event | None:
         """Return the event that says how many were missed, if any."""
@@ -45,7 +45,7 @@ class Unread:
                 behind, missed = True, 0
             elif behind and self._wanted(event):
                 missed, time_ns = missed + 1, event.time_ns
-        missed -= self._told
+        missed -= self._reported
         if missed <= 0:
             return None
         detail = f"{missed} events, because the network ended before they were read"

@@ -20,7 +20,7 @@ COUNTS = ("bell_pairs", "lost_pairs", "received_symbols", "symbol_errors", "repe
 
 @dataclass(frozen=True)
 class Exchange(Tabular):
-    """What became of a message, and what it took."""
+    """The outcome of a message, and its cost."""
 
     data: bytes  # as it was received; empty if it was not kept
     size: int  # bytes received, each of which was verified

@@ -53,7 +53,7 @@ class HostState(Tabular):
     """A host: what the controller knows of its device, and the blocks it holds.
 
     The device is as the host has last reported it, the blocks are as they are: `state` says when.
-    As a table a row for each block, behind what is told of the device; one if it holds none.
+    As a table a row for each block, behind the device's values; one if it holds none.
     """
 
     device: dict[str, Any]
@@ -91,7 +91,7 @@ class QuantumNetwork(Network):
     def ping(
         self, sender: str, receiver: str, count: int = 4, **options: Unpack[SendOptions]
     ) -> Iterator[Exchange]:
-        """Yield so many short messages, each with a session and light paths of its own."""
+        """Yield `count` short messages, each with a session and light paths of its own."""
         for number in range(count):
             yield self.send(sender, receiver, number.to_bytes(PING_BYTES, "big"), **options)
 
@@ -153,7 +153,7 @@ class QuantumNetwork(Network):
     def state(self, host: str) -> HostState:
         """Return the state of a host; raise BadInput if there is none of this name.
 
-        Its blocks are those of this moment. Its device is as it has last told the controller, which
+        Its blocks are those of this moment. Its device is as last reported to the controller, which
         asks once a second unless the policy says otherwise, counts of pairs, too: `heard_s_ago`
         says how long ago that was.
         """

@@ -79,7 +79,7 @@ def call(arguments: argparse.Namespace) -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class CliOptions(LiveOptions):
-    """What is done beside the network."""
+    """Options beside those of the network."""
 
     runs: Path = option(Path("runs"), "where logs go (runs)", metavar="DIR")
     captures: str = option(

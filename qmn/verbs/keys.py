@@ -25,13 +25,13 @@ def call(arguments: argparse.Namespace) -> int:
 
 def ask_and_show(as_json: bool) -> None:
     """Print what the controller knows; raise NoAnswer if it does not answer."""
-    told = ask("keys")
+    nodes = ask("keys")
     if as_json:
-        print(json.dumps(told, indent=2))
+        print(json.dumps(nodes, indent=2))
         return
     console = wide_console()
-    console.print(table("key links", LINKS, [*map(link_row, key_links(told["qkd_nodes"]))]))
-    console.print(table("applications", APPLICATIONS, application_rows(told["qkd_nodes"])))
+    console.print(table("key links", LINKS, [*map(link_row, key_links(nodes["qkd_nodes"]))]))
+    console.print(table("applications", APPLICATIONS, application_rows(nodes["qkd_nodes"])))
 
 
 def link_row(link: KeyLink) -> list[str]:

@@ -1,7 +1,7 @@
 """qmn replay RUN: do again what the dispatcher did in a run, and compare the event logs.
 
-The record in the run's folder says what the dispatcher was asked, in which order, and what its
-clock said. The same seed must then give the same events, byte for byte.
+The record in the run's folder says what the dispatcher was asked, in which order, and the times
+of its clock. The same seed must then give the same events, byte for byte.
 
 A record can name the file of a noise model of somebody's own, which a replay loads and runs: that
 takes --allow-code.

@@ -112,7 +112,7 @@ def show(arguments: argparse.Namespace) -> None:
     lines = [
         [
             *(run.name, in_short(run.began), run.what),
-            *(said(run.parameters), run.outcome, megabytes(run.bytes)),
+            *(parameter_text(run.parameters), run.outcome, megabytes(run.bytes)),
         ]
         for run in runs
     ]
@@ -137,7 +137,7 @@ def in_short(began: str) -> str:
     return time.strftime("%d %b %H:%M", time.strptime(began, BEGAN))
 
 
-def said(parameters: dict[str, Any]) -> str:
+def parameter_text(parameters: dict[str, Any]) -> str:
     return ", ".join(
         f"{name} {' '.join(map(str, value)) if isinstance(value, list) else value}"
         for name, value in parameters.items()

@@ -29,7 +29,7 @@ def call(arguments: argparse.Namespace) -> int:
     """Become the script, or return the status of a file that is not there."""
     if arguments.file.is_file():
         try:
-            # What serves it ends with this program, which the script takes the place of.
+            # The server ends with this program, which the script replaces.
             if arguments.live and not Pages.of_command():
                 begin_page_of_command()
         except NetworkError as error:
@@ -42,6 +42,6 @@ def call(arguments: argparse.Namespace) -> int:
 
 def become(file: Path, words: Sequence[str]) -> NoReturn:
     environment = {**callers_environment(), "PYTHONPATH": ENVIRONMENT["PYTHONPATH"]}
-    # -P: what is in the folder of the user is found by name only if the script is there, too.
+    # -P: modules in the user's folder are found only if it has the script, too.
     command = [sys.executable, "-P", "-m", MODULE, str(file), *words]
     os.execve(sys.executable, command, environment)  # noqa: S606

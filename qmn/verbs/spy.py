@@ -28,7 +28,7 @@ from wire.parameters.checks import remedy
 
 @dataclass(frozen=True)
 class SpyOptions:
-    """What shall be shown, and how."""
+    """The events to show, and how."""
 
     run: Path | None = None  # a folder, or a file of events; None: what happens now
     node: tuple[str, ...] = ()  # none: all
@@ -41,7 +41,7 @@ class SpyOptions:
 
 
 class BadFilter(Exception):
-    """What shall be shown cannot be told; the text names value and remedy."""
+    """The filter is invalid; the text names value and remedy."""
 
 
 def add_parser(verbs: Any) -> None:

@@ -1,6 +1,6 @@
 """qmn worker SCHEDULER: offer this machine, a Dask worker, to networks over several machines.
 
-Whoever reaches the scheduler can run programs here, as root.
+All who reach the scheduler can run programs here, as root.
 """
 
 import argparse

@@ -16,7 +16,7 @@ CLEAN = [
     *("topologies/catalogue", "topologies/description", "topologies/links"),
     *("topologies/system/open_vswitch", "topologies/system/processes", "topologies/system/runs"),
     *("topologies/system/confinement", "topologies/fabric.py", "topologies/mapped.py"),
-    *("topologies/quantum_topo.py", "topologies/timeouts.py", "views", "applications"),
+    *("topologies/quantum_topo.py", "topologies/timeouts.py", "views", "applications", "qmn"),
     *("evidence/attacks", "evidence/bench", "evidence/labs", "evidence/networks"),
     *("evidence/traffic", "evidence/kinds"),
 ]

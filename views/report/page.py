@@ -10,7 +10,7 @@ from typing import Any
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from qmn.printable_text import printable
 from qmn.requests.service import ServiceRequest
-from qmn.results.result import said_size
+from qmn.results.result import size_text
 from qmn.results.run_folder import REPORT
 from qmn.results.run_result import RunResult
 from qmn.results.service_result import number_text
@@ -155,8 +155,8 @@ def _parameters(result: RunResult) -> str:
     )
     rows = [[name, _cell(getattr(result, name))] for name in (*names, *of_time)]
     met = result.approximations
-    rows += [[f"approximated: {each.name}", said_size(each)] for each in met]
-    rows += [[name, _cell(value)] for name, value in result.told_parameters.items()]
+    rows += [[f"approximated: {each.name}", size_text(each)] for each in met]
+    rows += [[name, _cell(value)] for name, value in result.recorded_parameters.items()]
     if isinstance(result.asking, SentFigures):
         used = {name: getattr(result.asking, name) for name in OF_LIGHT}
         rows += [[f"in use: {name}", _cell(setting_name(name, used[name]))] for name in used]
