@@ -38,7 +38,7 @@ NS = 1_000_000_000
 
 @dataclass(eq=False)
 class Client:
-    """What a program waits for."""
+    """A program, and the instant that it waits for."""
 
     socket: socket.socket
     deadline_ns: int = NEVER

@@ -1,7 +1,7 @@
 """The event loop of a host: its clock, pauses and time-outs count the time of the network.
 
-So every protocol of a host keeps to it, and none needs to know how it passes. What finds and
-watches the network, before and beside its sessions, waits in the background: by the wall, or
+So every protocol of a host keeps to it, and none needs to know how it passes. Tasks that find
+and watch the network, before and beside its sessions, wait in the background: by the wall, or
 whenever stepped time has gone on.
 """
 

@@ -4,6 +4,6 @@ import logging
 
 import mininet.log  # noqa: F401
 
-# From here on Mininet would make all loggers its own, which say nothing of what happens: those of
+# From here on Mininet would make all loggers its own, which stay silent: those of
 # the programs, too, that are forked off this process.
 logging.setLoggerClass(logging.Logger)

@@ -225,7 +225,7 @@ class Cable:
     delay_s: float  # of the network
     loss: float = 0.0  # share of the packets that do not arrive
     mbps: float | None = None  # of the network, in each direction; None: no limit
-    # What the software at each end takes for a message that arrives (wire.parameters.delays).
+    # Time of the software at each end for a message that arrives (wire.parameters.delays).
     a_software: str = ""
     b_software: str = ""
 

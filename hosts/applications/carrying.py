@@ -1,4 +1,4 @@
-"""Bytes from a file, or to one, through a quantum socket, and what is said of them as JSON."""
+"""Bytes from a file, or to one, through a quantum socket, with reports as JSON."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -12,10 +12,10 @@ from wire.network_time import REAL_TIME, NetworkTime
 from wire.results.figures import SentFigures
 
 CHUNK_BYTES = {"framed": 1 << 16, "per-pair": 16, "sequential": 16}
-# What is sent at a time once it is known how much light arrives; each time both ends wait for all.
+# Size of a chunk once the arrival of light is known; both ends wait for all of each chunk.
 PAIRS_AT_A_TIME = 1 << 20
 LIGHT_S = 5.0  # of light at a time at most
-BLOCKS_AT_A_TIME = 256  # where they are small: who follows the session is told that it goes on
+BLOCKS_AT_A_TIME = 256  # where they are small: readers of the session see it go on
 PAIRS_PER_BYTE = 4
 READ_BYTES = 1 << 16
 
@@ -30,14 +30,14 @@ def send(
 ) -> None:
     """Send all that a file holds; say after every chunk what the session has used so far.
 
-    The first chunk has so many bytes; those behind it are larger if the light is good. Times are
-    said in seconds of the network, whose clock it is.
+    The first chunk has `chunk_bytes`; those behind it are larger if the light is good. Times are
+    in seconds of the network, by `clock`.
     """
     digest, started, size = sha256(), clock.now_s(), chunk_bytes
 
     def used(event: str, **fields: str) -> None:
-        told = sent_figures(sending.statistics, clock.now_s() - started)
-        say(event, {**vars(told), **fields})
+        figures = sent_figures(sending.statistics, clock.now_s() - started)
+        say(event, {**vars(figures), **fields})
 
     try:
         while chunk := source.read(size):
@@ -85,7 +85,7 @@ def next_chunk(first: int, used: Mapping[str, Any]) -> int:
 
 @contextmanager
 def written_whole(output: Path | BinaryIO) -> Iterator[BinaryIO]:
-    """Open a file for writing that is there only if all goes well; a device stays what it is."""
+    """Open a file that exists only if all goes well; a device stays a device."""
     if not isinstance(output, Path):
         yield output
         return
@@ -103,7 +103,7 @@ def written_whole(output: Path | BinaryIO) -> Iterator[BinaryIO]:
 
 
 def receive(receiving: QuantumSocket, peer: str, output: Path | BinaryIO) -> None:
-    """Write what comes to a file, or into a device, pipe or stream that is there."""
+    """Write received bytes to a file, or into an existing device, pipe or stream."""
     digest = sha256()
     with written_whole(output) as opened:
         while chunk := receiving.recv(READ_BYTES):

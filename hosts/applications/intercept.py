@@ -1,10 +1,10 @@
 """Attack the light that goes by way of this host, and send it on.
 
 resend: measure a fraction of the photons, and send on what was found. split: keep one photon of
-each pulse that has several, and of those with one send on so many that nothing seems to be missing.
+each pulse that has several, and of those with one send on enough that nothing seems to be missing.
 
-Prints a line of JSON when it has begun, one for each block, and one with the summary when it is
-told to end (SIGTERM or SIGINT).
+Prints a line of JSON when it has begun, one for each block, and one with the summary at a
+signal (SIGTERM or SIGINT).
 """
 
 import argparse
@@ -40,7 +40,7 @@ class Attack:
 
 
 def intercept(attack: Attack) -> None:
-    """Intercept until told to end."""
+    """Intercept until a signal."""
     with ServiceSocket(attack.stack) as intercepting:
         blocks = intercepting.intercept(attack.fraction, **attack.options)
 

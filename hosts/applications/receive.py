@@ -15,7 +15,7 @@ from wire.metadata.vocabulary import Service
 
 
 def go_to_background() -> None:
-    """Let whoever has started this program go on; what it says from now on goes nowhere."""
+    """Let the parent of this program go on; discard output from now on."""
     if os.fork():
         os._exit(0)
     os.setsid()
@@ -34,13 +34,13 @@ def main() -> int:
     text = "let the shell go on as soon as this listens"
     parser.add_argument("--background", action="store_true", help=text)
     parser.add_argument("port", type=int)
-    said = parser.parse_args()
-    if said.background and said.output is None:
+    arguments = parser.parse_args()
+    if arguments.background and arguments.output is None:
         parser.error("--background needs --output: nobody reads standard output then")
-    output = sys.stdout.buffer if said.output is None else said.output
-    part = Part(Service.SDC.name.lower(), said.port, said.stack, output=output)
-    listening = go_to_background if said.background else None
-    with redirect_stdout(sys.stderr if said.output is None else sys.stdout):
+    output = sys.stdout.buffer if arguments.output is None else arguments.output
+    part = Part(Service.SDC.name.lower(), arguments.port, arguments.stack, output=output)
+    listening = go_to_background if arguments.background else None
+    with redirect_stdout(sys.stderr if arguments.output is None else sys.stdout):
         return ended_well("receive", lambda: wait(part, listening))
 
 

@@ -27,10 +27,10 @@ def main() -> int:
     parser.add_argument("--interleave", action="store_true", help="spread its codewords")
     parser.add_argument("host")
     parser.add_argument("port", type=int)
-    said = parser.parse_args()
-    options = {name: getattr(said, name) for name in OPTIONS}
+    arguments = parser.parse_args()
+    options = {name: getattr(arguments, name) for name in OPTIONS}
     service = Service.SDC.name.lower()
-    part = Part(service, said.port, said.stack, said.host, options, said.file)
+    part = Part(service, arguments.port, arguments.stack, arguments.host, options, arguments.file)
     return ended_well("send", lambda: ask(part))
 
 

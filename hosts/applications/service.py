@@ -29,7 +29,7 @@ class Part:
     options: dict[str, Any] = field(default_factory=dict)  # of the service, for who asks
     file: BinaryIO | None = None  # to send, if the service carries bytes
     output: Path | BinaryIO | None = None  # for the bytes that come
-    time_scale: float = 1.0  # of the network, whose seconds are said
+    time_scale: float = 1.0  # of the network, in whose seconds reports are
     time_folder: str = ""  # of the gate that steps its time; empty: paced
 
 

@@ -17,7 +17,7 @@ class BlockName:
 
 
 class Kind(Enum):
-    """What is done to the qubit of a block, alone or with that of the target."""
+    """An operation on the qubit of a block, alone or with that of the target."""
 
     ZERO = "zero"  # a new qubit in |0>
     X = "X"

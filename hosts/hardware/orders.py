@@ -76,7 +76,7 @@ class Standing:
 
 
 class Orders:
-    """Sends orders and hands each outcome to whoever waits for it."""
+    """Sends orders and hands each outcome to its waiter."""
 
     def __init__(
         self, stub: DispatcherStub, token: str, network_time: NetworkTime = REAL_TIME

@@ -127,7 +127,7 @@ class PairLight(Primitives):
     ) -> Coincidences:
         """Make Bell measurements on the halves 0 and 1 that arrive at two ports.
 
-        Raise NoLight if no photon of a half arrives; what came of the other is here still.
+        Raise NoLight if no photon of a half arrives; what arrived of the other stays.
         Following: the caller asks for the blocks behind this one, too, one after the other, each
         with this time-out; the hardware may measure them as they arrive. To end that, cancel the
         wait for one of them, or discard the session.
@@ -142,7 +142,7 @@ class PairLight(Primitives):
     ) -> Coincidences:
         """Make Bell measurements on two blocks that arrive at two ports, made by two hosts.
 
-        Raise NoLight if no photon of one of them arrives; what came of the other is discarded.
+        Raise NoLight if no photon of one of them arrives; what arrived of the other is discarded.
         """
         try:
             return coincidences_of(await self.perform(*steps.detection(blocks, ports, timeout_s)))

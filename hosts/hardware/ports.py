@@ -19,7 +19,7 @@ def read_ports(names: Iterable[str]) -> tuple[DevicePort, ...]:
 
 def _is_up(name: str) -> bool:
     try:
-        # What is between machines (VXLAN) does not know, but when it was set down.
+        # A link between machines (VXLAN) does not know, except when it was set down.
         return (INTERFACES / name / "operstate").read_text().strip() in ("up", "unknown")
     except OSError:
         return False

@@ -155,7 +155,7 @@ class Qnic(PairLight):
         """Make a block of photons at this host, by their positions in blocks, in this order.
 
         The rest is discarded or, to be kept, stays where it is; at least one photon is picked.
-        What is picked from stored blocks alone is stored, too.
+        Photons picked from stored blocks alone are stored, too.
         """
         picked = [steps.pick(block, positions) for block, positions in picks.items()]
         await self.perform(steps.gather(into, picked, keep_rest))

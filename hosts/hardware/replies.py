@@ -30,7 +30,7 @@ class NotHere(HardwareError):
 
 @dataclass(frozen=True)
 class Coincidences:
-    """What the Bell analyser reports for a block: Bell states, 255 where it saw none."""
+    """The Bell analyser's report of a block: Bell states, 255 where it saw none."""
 
     outcomes: Symbols  # shape (k,): 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi-
     clicks: int
@@ -39,7 +39,7 @@ class Coincidences:
 
 @dataclass(frozen=True)
 class Outcomes:
-    """What detectors report for a block: 0 or 1 for each photon, 255 where none clicked."""
+    """The detectors' report of a block: 0 or 1 for each photon, 255 where none clicked."""
 
     outcomes: Symbols  # shape (k,)
     time_ns: int
@@ -47,7 +47,7 @@ class Outcomes:
 
 @dataclass(frozen=True)
 class Stored:
-    """What a memory has taken."""
+    """The photons that a memory has taken."""
 
     arrived: NDArray[np.bool_]  # shape (k,): whether each photon is in it
     since_ns: int  # the mean time from which they wait there
@@ -55,7 +55,7 @@ class Stored:
 
 @dataclass(frozen=True)
 class Heralds:
-    """What a station reports for a block of attempts."""
+    """A station's report of a block of attempts."""
 
     states: Symbols  # shape (n,): the Bell state of each pair, 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi-
     attempts: int  # those of all modes
@@ -63,7 +63,7 @@ class Heralds:
 
 @dataclass(frozen=True)
 class Received:
-    """What has been received: places for photons, and when the first and last of them came."""
+    """Received light: places for photons, and when the first and last of them came."""
 
     photons: int
     first_ns: int

@@ -169,7 +169,7 @@ def _step(operation: Operation) -> Step:
         case Kind.OBSERVE:
             return Step(resend=ResendRequest(block=block, bases=IN_Z))
         case Kind.STORE:
-            # What an application has, it keeps, however old.
+            # An application keeps its qubits, however old.
             return store(name, math.inf)
         case Kind.TAKE:
             assert operation.target is not None

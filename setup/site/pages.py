@@ -1,6 +1,6 @@
 """The pages of the site, for MkDocs: the repository's, that of all options, and what they link to.
 
-A link leads where it leads on GitHub. What is linked and is neither page nor picture becomes a page
+A link leads where it leads on GitHub. A linked file that is neither page nor picture becomes a page
 that shows it, as a browser would only save it.
 """
 

@@ -121,7 +121,7 @@ def found(facts: Iterable[dict[str, Any]]) -> set[str]:
 
 def up(interface: str) -> bool:
     try:
-        # What is between machines (VXLAN) does not know, but when it was set down.
+        # A link between machines (VXLAN) does not know, except when it was set down.
         return (INTERFACES / interface / "operstate").read_text().strip() in ("up", "unknown")
     except FileNotFoundError:
         return False

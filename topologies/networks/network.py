@@ -75,7 +75,7 @@ class Network:
         signals: Signals,
         tell: Callable[[str], None] | None = None,
     ) -> None:
-        """Set it up; `tell` is told what ends it, before clean-up, which takes a while."""
+        """Set it up; call `tell` with the cause of its end before the clean-up."""
         self._topo = topo
         self._tell = tell
         self.runtime = settings
@@ -263,7 +263,7 @@ class Network:
         return program
 
     def share_folder(self, host: str, packed: bytes, name: str) -> Path:
-        """Let a host on another machine have a folder that was packed; return where it is there."""
+        """Copy a packed folder to a host on another machine; return its path there."""
         folder = self.runtime.folder / name
         self.runtime.places[host].put_folder(packed, folder)
         return folder
@@ -305,8 +305,8 @@ class Network:
         """Capture every link of these switches from now on; return the files.
 
         A link to another machine is captured at its end there, too. With `openflow` the last file
-        has what the controller and the switches say. Of each packet so many bytes are captured at
-        most.
+        has the messages of controller and switches. At most `packet_bytes` of each packet are
+        captured.
         """
         hidden = {"lo", *self.runtime.management}
         watched = [
@@ -358,7 +358,7 @@ class Network:
         if not all(program.running for program in programs):
             self._require_others_for(DAEMON_END_TIMEOUT_S)
             self._switches.require_interfaces(0.0)
-            # What ends because the dispatcher does was started later, and may have ended before.
+            # Programs that end with the dispatcher were started later, and may have ended before.
             first = next(program for program in programs if not program.running)
             raise NetworkError(f"{first.name} died in mid-run: {first.end()}")
         for node in self._watched():
@@ -379,8 +379,8 @@ class Network:
     def _require_others_for(self, duration_s: float) -> None:
         """Raise if a disk is full, a daemon ends or another machine is lost within so long.
 
-        A daemon's sockets close before it has ended, and programs end because of that. What is on
-        a machine may end before who tells of it.
+        A daemon's sockets close before it has ended, and programs end because of that. Programs on
+        a machine may end before its agent.
         """
         self._disk.look_at_disks()
         self._disk.check()
@@ -394,8 +394,8 @@ class Network:
     def explain(self) -> None:
         """Raise for what has made something fail, if it is in the network.
 
-        A program's sockets close a moment before it ends. What a signal has stopped is to all
-        others a peer that does not answer.
+        A program's sockets close a moment before it ends. To all others, a
+        program that a signal has stopped is a peer that does not answer.
         """
         deadline = time.monotonic() + END_TIMEOUT_S
         while time.monotonic() < deadline:

@@ -22,7 +22,7 @@ from wire.network_time import SteppedTime
 
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
 RTO_MIN = "100s"  # of the wall, until TCP repeats what nobody has acknowledged; 120 s at most
-# What a folder of runs has.
+# The entries of a folder of runs.
 OF_RUNS = re.compile(r"\d{8}T\d{6}-.+|\.?latest.*|\.index\.sqlite.*|\.cache")
 
 
@@ -37,7 +37,7 @@ def covered_folders(network: Runtime) -> list[Path]:
 def folder_of_runs(logs: Path) -> Path:
     """Return the folder that has this run and others, or the run's own if there is more in there.
 
-    What people keep beside their runs they may want to read on a host.
+    People may want to read files beside their runs on a host.
     """
     runs = logs.parent
     alone = all(OF_RUNS.fullmatch(name) for name in os.listdir(runs))
@@ -47,7 +47,7 @@ def folder_of_runs(logs: Path) -> Path:
 class ClassicalHost(QuantumNode, ConfinedNode, Host):
     """A host whose interfaces suit a switch in user space: no IPv6, finished checksums.
 
-    What people start on it sees its own processes, and of the run its own folder; with
+    Programs that people start on it see their own processes, and of the run their own folder; with
     `confined=False` it sees all, and can mount, as on a host of Mininet's. It may take `memory_mib`
     of this machine's memory, half of that if nobody says; unless it is not confined.
     """

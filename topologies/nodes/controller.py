@@ -50,11 +50,11 @@ class QuantumController(QuantumNode, ManagedController):
         refuse_unknown(name, params, type(self))
         network = runtime.current()
         policy = str(Path(policy).resolve()) if policy else ""
-        said: dict[str, Any] = {"controller": framework, "policy": policy, "rest": rest}
+        chosen: dict[str, Any] = {"controller": framework, "policy": policy, "rest": rest}
         network.settings = replace(
             network.settings,
             apps=(*network.settings.apps, *filter(None, apps.split("+"))),
-            **{name: value for name, value in said.items() if value},
+            **{name: value for name, value in chosen.items() if value},
         )
         self.network = network
         self.addresses: dict[str, str] = {}  # on the management network, by switch

@@ -14,7 +14,7 @@ from wire.parameters.network import DispatcherSettings, part
 class DispatcherHost(ClassicalHost):
     """`ed`: runs the dispatcher, which holds every qubit of the network.
 
-    Who is on it sees the whole run, as `qmn spy` does there.
+    Its user sees the whole run, as `qmn spy` does there.
     """
 
     def __init__(

@@ -32,7 +32,7 @@ class Start:
     def end(self) -> None:
         """Step the time from now on, and return at the same instant of each run.
 
-        What follows counts from there: seconds of the clock have the same last digits each time.
+        Later instants count from there: seconds of the clock have the same last digits each time.
         """
         time = self._time
         if isinstance(time, SteppedTime):

@@ -73,7 +73,7 @@ class OpticalSwitch(ClassicalSwitch):
             return
         network, config = self.network, self.agent_config(controllers)
         self.lay()
-        # Who asks for the bridge by name, as ovs-ofctl does, comes to the agent.
+        # Programs that ask for the bridge by name, as ovs-ofctl does, reach the agent.
         Path(config.programs).replace(config.management)
         self._targets = [
             f"unix:{config.listening(number)}" for number in range(len(config.controllers))

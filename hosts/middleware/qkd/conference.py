@@ -63,7 +63,7 @@ class Contradiction(Exception):
 def key_length(terms: ConferenceProposal, key_bits: int, in_x: Estimate, leaked_bits: int) -> int:
     """Return how many bits are secret; leaked_bits are those of the syndrome.
 
-    What the leader would have found in X the parity of all others predicts but for the error rate
+    The parity of all others predicts the leader's outcome in X but for the error rate
     of the tests, which is the number for the key: the uncertainty relation then bounds what anybody
     knows of Z as for two ends (key_length.py). That a host's key differs counts for each host.
     """

@@ -55,7 +55,7 @@ class CertificateAuthority:
     ) -> CertificateFiles:
         """Make a certificate for a name; with addresses (by host name) also for a server there.
 
-        Who is called otherwise, too, has these names `also`.
+        `also` are further names of its owner.
         """
         key = ec.generate_private_key(ec.SECP256R1())
         usages = [ExtendedKeyUsageOID.CLIENT_AUTH]

@@ -86,8 +86,8 @@ def within(node: Any, function: Callable[..., Result], *arguments: Any) -> Resul
     """Call a function of this module in the network namespace of a node, wherever that is."""
     machine = getattr(node, "machine", None)
     if machine is not None:
-        said: Result = machine.within(node.pid_there, function.__name__, arguments)
-        return said
+        result: Result = machine.within(node.pid_there, function.__name__, arguments)
+        return result
     with network_of(node):
         return function(*arguments)
 
@@ -196,12 +196,12 @@ def _named(name: str) -> bytes:
 
 
 def _described(name: str, address: str | None, node: Node) -> bytes:
-    told = _named(name)
+    attributes = _named(name)
     if address is not None:
-        told += _attribute(IFLA_ADDRESS, bytes.fromhex(address.replace(":", "")))
+        attributes += _attribute(IFLA_ADDRESS, bytes.fromhex(address.replace(":", "")))
     if node.inNamespace:
-        told += _attribute(IFLA_NET_NS_PID, struct.pack("=I", node.pid))
-    return told
+        attributes += _attribute(IFLA_NET_NS_PID, struct.pack("=I", node.pid))
+    return attributes
 
 
 def _attribute(kind: int, value: bytes) -> bytes:
@@ -222,20 +222,20 @@ def set_address(name: str, address: str) -> None:
     given = IPv4Interface(address)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as kernel:
         for call, value in ((SIOCSIFADDR, given.ip), (SIOCSIFNETMASK, given.netmask)):
-            told = struct.pack("=Hxx4s", socket.AF_INET, value.packed)
-            fcntl.ioctl(kernel, call, _request(name, told))
+            value_there = struct.pack("=Hxx4s", socket.AF_INET, value.packed)
+            fcntl.ioctl(kernel, call, _request(name, value_there))
 
 
 def set_mtu(name: str, mtu: int) -> None:
-    """Let an interface of this thread's namespace send packets of so many bytes at most."""
+    """Let an interface of this thread's namespace send packets of at most `mtu` bytes."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as kernel:
         fcntl.ioctl(kernel, SIOCSIFMTU, _request(name, struct.pack("=i", mtu)))
 
 
 def mtu_of(address: str) -> int:
     """Return what the interface of this machine with an IPv4 address sends at most."""
-    said = subprocess.check_output(["ip", "-json", "address"], timeout=COMMAND_TIMEOUT_S)
-    for interface in json.loads(said):
+    output = subprocess.check_output(["ip", "-json", "address"], timeout=COMMAND_TIMEOUT_S)
+    for interface in json.loads(output):
         if address in [each.get("local") for each in interface["addr_info"]]:
             return int(interface["mtu"])
     raise NetworkError(f"no interface of this machine has {address}")
@@ -287,8 +287,8 @@ class QuickIntf(Intf):
                 within(self.node, set_address, self.name, address)
                 within(self.node, set_up, self.name)
             case _:
-                said: str = super().ifconfig(*arguments)
-                return said
+                output: str = super().ifconfig(*arguments)
+                return output
         return ""
 
     def updateMAC(self) -> str:  # noqa: N802 (Mininet's name)

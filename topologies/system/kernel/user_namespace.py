@@ -21,7 +21,7 @@ from topologies.timeouts import COMMAND_TIMEOUT_S
 LIBC = ctypes.CDLL(None, use_errno=True)
 CLONE_NEWNS, MS_REC, MS_PRIVATE = 0x20000, 0x4000, 0x40000
 LEAST_DESCRIPTOR = 100  # of it in the host's shell: those that the shell opens itself are below
-# Who has a namespace of control groups can mount them, and root owns those of this machine. An
+# The owner of a namespace of control groups can mount them, and root owns those of this machine. An
 # empty line says that all is done; it stays until its input ends.
 FIRST = "echo 0 >/proc/sys/user/max_cgroup_namespaces && echo && read -r _"
 MAKE = ["unshare", "--user", "--keep-caps", "--net", "sh", "-c", FIRST]
@@ -55,7 +55,7 @@ class UserNamespace:
     def start(self, begin: Callable[[], Result]) -> Result:
         """Let a shell be begun in its network, with mounts of its own, and close both.
 
-        Who is given the descriptor then can still enter it.
+        A holder of the descriptor can still enter it then.
         """
         try:
             # A thread of its own: one with mounts of its own does not come back to these.

@@ -82,8 +82,8 @@ class Agent(AgentFiles):
     async def _answer(self, header: Header, body: bytes) -> None:
         answer: Header = {"answer": header["ask"]}
         try:
-            said, data = await getattr(self, f"do_{header['do']}")(header, body)
-            answer["said"] = said
+            result, data = await getattr(self, f"do_{header['do']}")(header, body)
+            answer["result"] = result
         except (NetworkError, OSError) as error:
             answer["error"], data = str(error), b""
         self._writer.write(encode(answer, data))

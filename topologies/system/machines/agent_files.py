@@ -10,12 +10,12 @@ from wire.machine_channel import MOST_BODY_BYTES, Header
 
 
 class AgentFiles:
-    """What of an agent concerns files; each is its owner's alone."""
+    """The files of an agent; each is its owner's alone."""
 
     async def do_put(self, header: Header, body: bytes) -> tuple[Any, bytes]:
         """Go on with a file that is under way; with its last part it takes the place of `path`.
 
-        Who reads there finds all of it or what was there before, also while it is put again.
+        Readers find all of it or the file before, also while it is put again.
         """
         under_way = Path(header["under_way"])
         append_private(under_way, body)

@@ -17,10 +17,10 @@ class Errand:
         self._command = [self._there(word, folder) for word in words]
 
     def _there(self, word: str, folder: Path) -> str:
-        """Return what a word is there; a file that is here already goes along."""
+        """Return a word as it reads there; a file that is here already goes along."""
         path = Path(word)
         if not path.is_absolute() or path.is_relative_to(folder.parent):
-            return word  # the folder of the run is there by the same path
+            return word  # the folder of the run has the same path there
         if path.is_file():
             self._machine.put(folder / path.name, path.read_bytes())
         elif path.parent.is_dir() and not path.exists():

@@ -23,7 +23,7 @@ COPPER_MTU = 1500
 LEAST_MTU = 576
 KEY_LOG = "machines.keys"  # file in the folder of the run
 
-# Begins the agent of a name: told where the runner listens, its authority's certificate, and the
+# Begins the agent of a name, by the runner's address, its authority's certificate, and the
 # agent's own with its key, all PEM.
 Begin = Callable[[str, str, dict[str, str]], None]
 

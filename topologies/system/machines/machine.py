@@ -149,7 +149,7 @@ class Machine:
             self._loop.call_soon_threadsafe(self._writer.write, encode(header, body))
 
     def put(self, path: Path | str, data: bytes, there: Path | str | None = None) -> None:
-        """Let it have a private file of these bytes, by the same path or another."""
+        """Put a private file of these bytes there, by the same path or another."""
         target = str(there or path)
         under_way = f"{target}.{next(self._numbers)}"  # hosts put what they share at once
         for offset in range(0, max(len(data), 1), MOST_BODY_BYTES):
@@ -173,7 +173,7 @@ class Machine:
                 return bytes(found)
 
     def put_folder(self, packed: bytes, folder: Path | str) -> None:
-        """Let it have a private folder with what was packed (packing.pack)."""
+        """Put a private folder there, from its packed bytes (packing.pack)."""
         file = f"{folder}{PACKED}"
         self.put(file, packed)
         self.ask("unpack", path=file, folder=str(folder))
@@ -289,7 +289,7 @@ class Machine:
             if answer is not None and "error" in header:
                 answer.set_exception(NetworkError(f"{self.name}: {header['error']}"))
             elif answer is not None:
-                answer.set_result((header["said"], body))
+                answer.set_result((header["result"], body))
             return
         process = self._processes[header["process"]]
         if "status" in header:

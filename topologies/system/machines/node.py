@@ -17,7 +17,7 @@ from topologies.timeouts import COMMAND_TIMEOUT_S, END_TIMEOUT_S
 
 
 class NodeElsewhere:
-    """What of a host is otherwise if its machine is not that of the runner."""
+    """A host whose machine is not that of the runner."""
 
     machine: Machine
     name: str
@@ -94,15 +94,15 @@ class NodeElsewhere:
         """Run a command there; return what it says, "" for its errors, which are with that."""
         (first, *others) = words
         command = [*first] if isinstance(first, list | tuple) else [*first.split(), *others]
-        said = bytearray()
-        process = self.machine.start(command, said.extend, self.pid_there)
+        output = bytearray()
+        process = self.machine.start(command, output.extend, self.pid_there)
         try:
             status = process.wait(COMMAND_TIMEOUT_S)
         except subprocess.TimeoutExpired as error:
             process.kill()
             text = f"{self.name}: {shlex.join(command)} took over {COMMAND_TIMEOUT_S:g} s"
             raise NetworkError(f"{text} on {self.machine.name}") from error
-        return said.decode(errors="replace"), "", status
+        return output.decode(errors="replace"), "", status
 
     def popen(self, *arguments: Any, **_options: Any) -> Any:
         """Raise NetworkError: a process of another machine is no Popen of this one."""

@@ -1,6 +1,6 @@
 """The packing of folders that go to another machine, or come from there: files and folders alone.
 
-What comes is checked as a whole (wire/packed_folder.py) before the first file of it is written.
+A folder is checked as a whole (wire/packed_folder.py) before its first file is written.
 """
 
 import os
@@ -21,8 +21,8 @@ NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
 def pack(folder: Path, without: Collection[Path] = (), *, pass_over: bool = False) -> bytes:
     """Return a folder as bytes, without byte code of Python, and without some folders in it.
 
-    What is neither a file nor a folder, as a link is, is passed over if that is wanted. Raise
-    NetworkError otherwise, and for what is too large.
+    With `pass_over` leave out entries that are neither a file nor a folder, as links. Raise
+    NetworkError for them otherwise, and for a folder that is too large.
     """
     entries, left = list[Entry](), MOST_BYTES
     try:
@@ -97,7 +97,7 @@ def unpacked(packed: bytes) -> list[Entry]:
 
 
 def write(entries: Collection[Entry], folder: Path) -> None:
-    """Write files and folders that were checked; raise NetworkError if one is there or cannot be.
+    """Write files and folders that were checked; raise NetworkError if one exists or cannot be.
 
     All are private, and were changed when they say that they were.
     """

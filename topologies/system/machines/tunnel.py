@@ -1,7 +1,7 @@
 """The ends of links between machines: VXLAN from one to one other, the kernel's if it has that.
 
-Each link has an identifier (VNI) of its own. What an interface wraps travels between addresses
-of the machine that it was made on, whatever namespace it is moved to.
+Each link has an identifier (VNI) of its own. Wrapped packets travel between addresses of
+the machine on which the interface was made, whatever namespace it is moved to.
 """
 
 import subprocess

@@ -141,7 +141,7 @@ class Signals:
 def budget(limit_s: float, what: str) -> Iterator[None]:
     """Raise NetworkError if something takes longer, also when it consists of many waits.
 
-    What goes on after that, step by step, gets OVERRUN_S for each step. Only the main thread can
+    Steps that go on after that get OVERRUN_S each. Only the main thread can
     be interrupted so.
     """
     if threading.current_thread() is not threading.main_thread():

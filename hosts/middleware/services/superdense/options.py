@@ -79,7 +79,7 @@ def sent_half(setup: Setup) -> int:
 def arrival_ports(setup: Setup, ports: Sequence[str]) -> tuple[str, str]:
     """Return where halves 0 and 1 arrive at the receiver.
 
-    What the sender passes on comes by the second fibre, the other half by the first one.
+    The half that the sender passes on comes by the second fibre, the other half by the first one.
     """
     first, second = ports[:2]
     return (second, first) if sent_half(setup) == 0 else (first, second)
