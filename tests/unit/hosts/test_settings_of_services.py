@@ -53,7 +53,8 @@ def hosts_of(service: str) -> tuple[str, ...]:
 def felt(service: str) -> dict[str, frozenset[str]]:
     """Return what qmn run takes for each host."""
     names = hosts_of(service)
-    fibers = tuple(LaidFiber(name, "q1", FiberOptics()) for name in names)
+    # Two at each host, as a repeater needs.
+    fibers = tuple(LaidFiber(name, "q1", FiberOptics()) for name in 2 * names)
     devices, switches = dict.fromkeys(names, Device()), {"q1": QuantumSwitch("q1")}
     parts = Description(devices, switches, fibers, () if service == "swap" else ("charlie",))
     return felt_by(service, ("alice", "bob"), parts).devices
