@@ -184,11 +184,9 @@ def _repeaters(parts: Description, ends: Sequence[str]) -> Felt:
         if fibers[host] < FIBERS_OF_REPEATER:
             continue
         felt = STATION if device.is_station else frozenset[str]()
-        for by in (Making.SOURCE, Making.STATION):
-            if needs(Service.SWAP, Role.REPEATER, by) in device.features:
-                felt |= _of_role(Service.SWAP, Role.REPEATER, by, device)
-        if felt:
-            devices[host] = felt
+        for by in (Making.SOURCE, Making.STATION)[: 1 + (HERALD in device.features)]:
+            felt |= _of_role(Service.SWAP, Role.REPEATER, by, device)
+        devices[host] = felt
     joined = frozenset({*ends, *devices})
     return Felt(devices, frozenset({HostBeams(joined, joined)}))
 

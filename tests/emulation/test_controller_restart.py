@@ -25,7 +25,7 @@ from wire.metadata.vocabulary import Reason
 
 BOTH = pytest.mark.parametrize("framework", ["ryu", "os-ken"])
 RYU = pytest.mark.parametrize("framework", ["ryu"])
-DATA = hashlib.shake_256(b"light").digest(3 << 20)  # some seconds of light
+DATA = hashlib.shake_256(b"light").digest(12 << 20)  # some seconds of light
 LESS = DATA[: 1 << 14]
 PAIRED = 64  # bytes, each pair of which has light of its own
 ASKED_S = 15.0  # hosts are asked as soon as they are heard, every second
