@@ -3,6 +3,7 @@
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
 
 TOPOLOGIES = ("sdc", "chain", "ring", "leaf-spine", "repeaters", "tree", "tapped", "map")
 USUAL = {"swap": "repeaters", "load": "ring"}  # topologies of jobs; of others sdc
@@ -56,8 +57,14 @@ def translated(words: Sequence[str]) -> list[str]:
 
 
 def _has_kind(words: Sequence[str]) -> bool:
-    """Return whether a verb that has kinds now is followed by one, or by nothing."""
-    return words[0] in OF_TODAY and {*words[1:2]} <= OF_TODAY[words[0]]
+    """Return whether a verb with kinds is followed by one, perhaps misspelt, or by nothing."""
+    if words[0] not in OF_TODAY:
+        return False
+    kinds = OF_TODAY[words[0]]
+    if not words[1:] or words[1] in kinds:
+        return True
+    # No lab of ours is as much like a kind; a host may be called host1.
+    return bool(get_close_matches(words[1], kinds - {"host"}, 1, 0.75))
 
 
 def _with_parameters(words: Sequence[str]) -> list[str]:

@@ -8,7 +8,7 @@ from math import inf
 
 from qmn.timeouts import MOST_ROUND_TRIP_S
 from topologies.description.description import Description
-from wire.network_time import MOST_SCALE, NetworkTime
+from wire.network_time import LEAST_SCALE, MOST_SCALE, NetworkTime
 
 PACED, STEPPED = "paced", "stepped"
 REAL, AUTO = 1.0, "auto"
@@ -34,7 +34,10 @@ def scale(text: str) -> float | str:
     try:
         return NetworkTime(float(text)).scale
     except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text}: {error}, or {AUTO}") from error
+        raise argparse.ArgumentTypeError(
+            f"{text}: choose {LEAST_SCALE:g} to {MOST_SCALE:g} seconds here for one second of the "
+            f"network, or {AUTO}"
+        ) from error
 
 
 def pace(text: str) -> str:

@@ -98,6 +98,10 @@ def topology(text: str) -> dict[str, str | int | bool]:
             key, value = (word, "true") if word in PARAMETERS else (next(unnamed, ""), word)
         if key not in names:
             raise argparse.ArgumentTypeError(_no_parameter(name, key or word, names))
+        if key in given:
+            raise argparse.ArgumentTypeError(
+                f"{name}: {key} is {given[key]} and {value}: name it once"
+            )
         last, given[key] = key, value
     return {"topology": name, **{key: _parameter(key, value) for key, value in given.items()}}
 

@@ -61,7 +61,7 @@ def rows(facts: NetworkResult) -> dict[str, str]:
     if facts.dominated_by_software:
         lines["Warning"] = (
             "fidelity here is limited by this computer's speed, not by the network; "
-            "use --time-scale auto"
+            "use --time stepped, or --time paced=auto where that is refused"
         )
     return lines
 
@@ -81,6 +81,6 @@ def _missed(facts: NetworkResult) -> str:
     assert facts.time_scale is not None
     return (
         f"software took up to {share:.2%} of {shortest.name}, {shortest.s:.3g} s, where "
-        f"--time-scale auto means less than {SHARE:.0%}: a scale of "
+        f"--time paced=auto means less than {SHARE:.0%}: a scale of "
         f"{facts.time_scale * share / SHARE:.3g} was needed"
     )

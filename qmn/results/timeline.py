@@ -103,7 +103,10 @@ def merge(run: Path, target: Path | None = None, packet_bytes: int | None = None
     """
     captures = _captures(run)
     if not captures:
-        raise NoCaptures(f"no captures in {run}: name the folder of a run, as runs/latest")
+        raise NoCaptures(
+            f"no captures in {run}: name the folder of a run that has some, as all have but those "
+            "made with --captures none"
+        )
     target = target or run / TIMELINE
     unfinished = target.with_name(f".{target.name}")
     interfaces: list[Interface] = []

@@ -59,7 +59,10 @@ def start(
     topo = topo or asked.topology or "sdc"
     if isinstance(topo, str):
         if not is_known(topo):
-            raise BadInput(f"unknown topology {topo!r}: {remedy(topo, KNOWN)}")
+            text = remedy(topo, KNOWN)
+            if "," in topo:
+                text = "give its parameters as keywords, as in start('chain', switches=3)"
+            raise BadInput(f"unknown topology {topo!r}: {text}")
         description = describe_network(replace(asked, topology=topo))
     elif unused := sorted(options.keys() & NAMED_ONLY):
         raise BadInput(f"{unused[0]} is of the topologies of qmn: say it in your own, or leave it")

@@ -85,8 +85,8 @@ def compare(run: Path, allow_code: bool = False) -> tuple[Comparison, int]:
                 comparison.end()
     except OSError as error:
         raise BadRun(
-            f"cannot read {error.filename}: {error.strerror}; name the folder of a run that was "
-            "made with --without record"
+            f"cannot read {error.filename}: {error.strerror}; name the folder of a run "
+            "that has its record, as all have but those made --without record"
         ) from error
     except NamesCode as error:
         raise BadRun(

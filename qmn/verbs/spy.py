@@ -148,7 +148,10 @@ def find_record(run: Path) -> Path:
     """Return the file of a run's events; raise BadFilter if it has none."""
     file = run / EVENT_CAPTURE if run.is_dir() else run
     if not file.is_file():
-        raise BadFilter(f"no quantum events at {file}: name the folder of a run, as runs/latest")
+        raise BadFilter(
+            f"no quantum events at {file}: name the folder of a run that has them, as all have but "
+            "those made --without events"
+        )
     return file
 
 

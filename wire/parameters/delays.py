@@ -38,7 +38,8 @@ def _parsed(text: str) -> tuple[str, list[float]]:
     name, arguments = distribution.groups() if distribution else ("", text)
     words = [NUMBER.fullmatch(each.strip()) for each in arguments.split(",")]
     numbers = [float(word[1]) * UNITS_NS[word[2]] for word in words if word]
-    if len(numbers) != len(words) or len(numbers) != NUMBERS[name] or max(numbers) > MOST_NS:
+    fits = len(numbers) == len(words) == NUMBERS[name]
+    if not fits or max(numbers) > MOST_NS or numbers != sorted(numbers):
         raise ArgumentTypeError(
             f"{text}: write 5ms, 200us, exponential(1ms) or uniform(1ms,3ms), at most 10s"
         )

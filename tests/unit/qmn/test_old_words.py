@@ -43,6 +43,7 @@ COMMANDS = [
     ("attack all --defence off", "lab attack all --defence off"),
     ("bench --hosts 4", "lab bench --hosts 4"),
     ("lab paper decoy", "lab published paper decoy"),
+    ("lab decoy", "lab published decoy"),
     ("lab --all --resume", "lab published --all --resume"),
 ]
 
@@ -70,6 +71,8 @@ def test_old_words_are_translated(old: str, new: str, capsys: pytest.CaptureFixt
         "set -h",
         "set host link fec golay",
         "set link alice q1 down",
+        "set lnk alice q1 down",
+        "lab demmo flapping",
         "runs export RUN COPY",
     ],
 )

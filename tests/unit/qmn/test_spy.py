@@ -289,7 +289,7 @@ def test_without_following_the_running_network_shows_what_was(scene: Scene) -> N
     ("words", "said"),
     [
         (["--node", "carol"], "unknown node 'carol': choose one of alice, bob, runner"),
-        (["/etc"], "no quantum events at /etc/quantum.pcapng: name the folder of a run"),
+        (["/etc"], "no quantum events at /etc/quantum.pcapng: name the folder of a run that has"),
         (["/etc/hostname"], "not a pcapng file of ours"),
         (["--session", "x"], "'x' is not 1 to 16 hexadecimal digits"),
     ],

@@ -38,6 +38,7 @@ def test_values_go_to_parameters(text: str, options: dict[str, object]) -> None:
         ("chian,3", "'chian': did you mean chain?"),
         ("chain,many", "switches 'many': choose a whole number"),
         ("tree,9,2,7", "tree has no parameter '7': choose one of hosts, switches"),
+        ("chain,3,switches=4", "chain: switches is 3 and 4: name it once"),
         ("chain,swiches=3", "chain has no parameter 'swiches': did you mean switches?"),
         ("ring,spines=2", "spines is of leaf-spine, not of ring: leave it out"),
         ("sdc,switches=2", "switches is of chain, ring, tree, not of sdc: leave it out"),

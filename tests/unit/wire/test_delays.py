@@ -34,7 +34,11 @@ def test_draws_have_the_mean_and_deviation_of_the_distribution(
 
 
 @pytest.mark.parametrize(
-    "text", ["5", "-5ms", "5 min", "11s", "exponential(1ms,2ms)", "uniform(1ms)", "normal(1ms)"]
+    "text",
+    [
+        *("5", "-5ms", "5 min", "11s", "exponential(1ms,2ms)", "uniform(1ms)", "normal(1ms)"),
+        "uniform(3ms,1ms)",
+    ],
 )
 def test_what_is_no_delay_is_refused_with_an_example(text: str) -> None:
     with pytest.raises(ArgumentTypeError, match="write 5ms"):
