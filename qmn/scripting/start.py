@@ -58,11 +58,7 @@ def start(
     asked = from_keywords(NetworkOptions, options)
     topo = topo or asked.topology or "sdc"
     if isinstance(topo, str):
-        if not is_known(topo):
-            text = remedy(topo, KNOWN)
-            if "," in topo:
-                text = "give its parameters as keywords, as in start('chain', switches=3)"
-            raise BadInput(f"unknown topology {topo!r}: {text}")
+        _require_known(topo)
         description = describe_network(replace(asked, topology=topo))
     elif unused := sorted(options.keys() & NAMED_ONLY):
         raise BadInput(f"{unused[0]} is of the topologies of qmn: say it in your own, or leave it")
@@ -117,3 +113,12 @@ def running(
                 note_software(facts, software, network.runtime.devices.values(), chosen)
         finally:
             note_files(facts, network)
+
+
+def _require_known(topology: str) -> None:
+    """Raise BadInput for a name that is none of a topology."""
+    if not is_known(topology):
+        text = remedy(topology, KNOWN)
+        if "," in topology:
+            text = "give its parameters as keywords, as in start('chain', switches=3)"
+        raise BadInput(f"unknown topology {topology!r}: {text}")
