@@ -3,7 +3,7 @@
 qmn run sdc --frame-bytes 8 --fiber noise=examples/flicker.py:Flicker \
     --fiber noise_parameters='{"flip": 0.005}'
 
-It is told of a `Passage`: how many photons pass, when, what it remembered of this fibre; its random
+It gets a `Passage`: how many photons pass, when, what it remembers of this fibre; its random
 numbers depend on nothing but the seed, the photon and a purpose.
 """
 

@@ -5,7 +5,7 @@ qmn> bob python examples/hello.py &
 qmn> alice python examples/hello.py bob "how are you?"
 qmn> bob wait
 
-alice's program waits until bob's listens. What bob has heard is shown by his next command: `wait`
+alice's program waits until bob's listens. His next command shows the message: `wait`
 waits until his program has ended.
 """
 

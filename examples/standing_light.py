@@ -1,6 +1,6 @@
 """A controller of one's own, in plain Ryu: it opens light paths, and a session runs over them.
 
-s1 forwards by itself, q1 by three flow entries; hosts are told that light stands, and ask nobody:
+s1 forwards by itself, q1 by three flow entries; hosts know that light stands, and ask nobody:
 
     .venv/bin/python examples/standing_light.py
     sudo PYTHONPATH=. mn --custom topologies/sdc.py --topo sdc,light=standing --controller remote -w

@@ -71,9 +71,9 @@ class MacTable:
 
 
 def filter_entries(datapath: Datapath, stations: Iterable[Station]) -> list[Any]:
-    """Return what makes the first table of a switch let these stations speak for themselves alone.
+    """Return entries of the first table that let these stations speak for themselves alone.
 
-    It says nothing of stations at other switches. It replaces the earlier entry.
+    They replace earlier entries; stations at other switches are left out.
     """
     entries = [delete(datapath, FILTER_TABLE), add(datapath, FILTER_TABLE, 0, {}, _on())]
     for station in stations:

@@ -6,7 +6,7 @@
 Nothing is opened for a session in doubt, and it is not moved before its switches are here.
 Set-up messages that the other controller held come again by TCP and are arbitrated afresh.
 
-Sessions taken over from a controller that has died: their hosts are asked whether they live.
+Then their hosts are asked whether they live:
 
 taken over --SessionQuery to the opener--> lives: nothing more
             |   `--silence, again and again--> to the acceptor

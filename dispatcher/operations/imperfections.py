@@ -1,8 +1,8 @@
 """Imperfections of devices at work: the time that they take, and flips of what is made or read.
 
 All qubits of a block are acted on at once. The errors of the operation include the wait meanwhile;
-whatever else is in the node's memory decoheres by the clock, and so do other nodes' qubits. To
-light nothing of this applies: modulators and detectors are as fast as it comes.
+other qubits in the node's memory decohere by the clock, and so do those of other nodes. Light is
+exempt: modulators and detectors keep up with it.
 
 Noise of gates: depolarisation that follows each of them.
 

@@ -24,6 +24,6 @@ with start("sdc", folder, seed=int(sys.argv[2]), fiber=fiber, device=device) as 
     with light(network, "teleport", ("alice", "bob")) as sent:
         received = ThreadPoolExecutor(1).submit(network.net.iperf, ends, fmt="m", seconds=10)
         sent.results()
-        told = {**sent.summary, "gbit_per_s": float(received.result()[0].split()[0]) / 1e3}
+        figures = {**sent.summary, "gbit_per_s": float(received.result()[0].split()[0]) / 1e3}
 facts = json.loads((folder / RESULT).read_text())
-(folder / RESULT).write_text(json.dumps({**facts, "found": told}))
+(folder / RESULT).write_text(json.dumps({**facts, "found": figures}))

@@ -27,10 +27,10 @@ def shared(network: QuantumNetwork, cut: bool = False) -> Counter[str]:
             time.sleep(0.25)  # some light comes by the short way
             network.net.configLinkStatus("q1", "q3", "down")
         asked.results()
-        told = asked.summary
-    like_phi = round(told["sampled"] * (2 * told["fidelity"] + 1) / 3)
+        summary = asked.summary
+    like_phi = round(summary["sampled"] * (2 * summary["fidelity"] + 1) / 3)
     counts = {"came": came(network) - earlier, "like_phi": like_phi}
-    return Counter({**counts, "emitted": told["emitted"], "sampled": told["sampled"]})
+    return Counter({**counts, "emitted": summary["emitted"], "sampled": summary["sampled"]})
 
 
 def came(network: QuantumNetwork) -> int:

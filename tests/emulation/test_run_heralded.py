@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from test_run_nodes import require_estimate, result_of
 
+CHAIN = ["swap", "--topology", "repeaters,stations", "--count", "400", "--sample", "0.5"]
 M_PER_S = 2.04e8  # of light in fibre
 KM = 50.0
 BLOCK = 50
@@ -42,18 +43,7 @@ def test_pairs_are_heralded_at_the_rate_of_round_trips_to_the_station(tmp_path: 
 
 def test_links_of_a_chain_are_heralded_by_stations_of_their_own(tmp_path: Path) -> None:
     hosts = emitters("alice", "r1", "bob")
-    words = [
-        "swap",
-        "--topology",
-        "repeaters,stations",
-        *hosts,
-        "--count",
-        "400",
-        "--sample",
-        "0.5",
-        "--length-km",
-        "5",
-    ]
+    words = [*CHAIN, *hosts, "--length-km", "5"]
     told = result_of(tmp_path, *words)
     require_estimate(told["job"]["asking"], OF_A_LINK**2, 0.0)
     log = (tmp_path / "latest" / "quantum.log").read_text()
@@ -74,18 +64,7 @@ def test_blocks_of_a_heralded_chain_follow_each_other(
 ) -> None:
     """alice attempts for the second block before she measures the sample of the first one."""
     hosts = [*emitters("alice", "r1", "bob"), "--device", f"r1.memory.capacity={capacity}"]
-    words = [
-        "swap",
-        "--topology",
-        "repeaters,stations",
-        *hosts,
-        "--count",
-        "400",
-        "--sample",
-        "0.5",
-        "--length-km",
-        "20",
-    ]
+    words = [*CHAIN, *hosts, "--length-km", "20"]
     words += ["--block-pairs", str(BLOCK), "--time-scale", "100"]
     told = result_of(tmp_path, *words)
     require_estimate(told["job"]["asking"], OF_A_LINK**2, 0.0)
