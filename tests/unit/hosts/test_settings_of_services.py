@@ -40,7 +40,13 @@ VALUES: dict[str, Any] = {
     "sensor.phase_rad": 1.0,
 }
 Fields = dict[str, Any]
-RANDOM = "ones_fraction"  # of bits that are disclosed: which they are, no seed says
+RANDOM = frozenset({"ones_fraction"})  # of bits that are disclosed: which they are, no seed says
+# In bases that differ, which end measures first decides the outcomes, so the CHSH value, and whether
+# a further round is needed. Only E91 keeps such outcomes.
+BY_ORDER = frozenset(
+    "chsh chsh_error chsh_pairs photons raw_bits sifted_bits qber_high disclosed_bits leaked_bits"
+    " key_bits key_fraction net_key_bits".split()
+)
 PURIFYING = ("swap", "r1", "gates")  # test_purified_chains.py
 # Services in whose memories light waits only if it comes before its order, as chance has it.
 DIRECT = ("sdc", "bb84", "bbm92", "e91", "mdi", "seal")
@@ -81,7 +87,7 @@ def summaries(service: str, devices: dict[str, Device]) -> Fields:
         f"{end} {name}": value
         for end, each in zip(("alice", "bob"), told, strict=True)
         for name, value in {"error": each.text, **each.summary}.items()
-        if name != RANDOM
+        if name not in (RANDOM | BY_ORDER if service == "e91" else RANDOM)
     }
 
 
