@@ -41,11 +41,13 @@ VALUES: dict[str, Any] = {
 }
 Fields = dict[str, Any]
 RANDOM = frozenset({"ones_fraction"})  # of bits that are disclosed: which they are, no seed says
-# In bases that differ, which end measures first decides the outcomes, so the CHSH value, and whether
-# a further round is needed. Only E91 keeps such outcomes.
+# In bases that differ, which end measures first decides the outcomes, hence the CHSH value and
+# whether a further round is needed. Only E91 keeps such outcomes.
 BY_ORDER = frozenset(
-    "chsh chsh_error chsh_pairs photons raw_bits sifted_bits qber_high disclosed_bits leaked_bits"
-    " key_bits key_fraction net_key_bits".split()
+    {
+        *("chsh", "chsh_error", "chsh_pairs", "photons", "raw_bits", "sifted_bits", "qber_high"),
+        *("disclosed_bits", "leaked_bits", "key_bits", "key_fraction", "net_key_bits"),
+    }
 )
 PURIFYING = ("swap", "r1", "gates")  # test_purified_chains.py
 # Services in whose memories light waits only if it comes before its order, as chance has it.
