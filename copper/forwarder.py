@@ -74,8 +74,6 @@ class Direction:
 
 
 class Forwarder:
-    """Moves packets between the ends of cables."""
-
     def __init__(self, config: CopperConfig) -> None:
         """Take over the files of the ends; raise OSError if one is not there."""
         self._directions: dict[int, Direction] = {}

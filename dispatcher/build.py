@@ -145,7 +145,6 @@ def open_layer(
 
 @contextmanager
 def event_capture(config: DispatcherConfig) -> Iterator[EventCapture | None]:
-    """Give the capture of events that is wanted, if any."""
     if not config.event_capture:
         yield None
         return

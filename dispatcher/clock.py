@@ -17,8 +17,6 @@ SHORT_WAIT_NS = 200_000
 
 
 class Clock(Protocol):
-    """A clock, as the dispatcher needs it."""
-
     def now_ns(self) -> int:
         """Return the time."""
 
@@ -30,16 +28,13 @@ class NetworkClock:
     """Time of the network, from the monotonic clock, set once by the clock that stamps captures."""
 
     def __init__(self, network_time: NetworkTime = REAL_TIME) -> None:
-        """Read both clocks."""
         self._time = network_time
         self._offset_ns = min(_reading() for _ in range(READINGS))[1]
 
     def now_ns(self) -> int:
-        """Return the time."""
         return self._time.network_ns(time.monotonic_ns() + self._offset_ns)
 
     async def wait_until(self, time_ns: int) -> None:
-        """Return once the time has passed."""
         while (remaining_ns := time_ns - self.now_ns()) >= 0:
             wall_ns = self._time.wall_s(remaining_ns)
             await asyncio.sleep(wall_ns / 1e9 if wall_ns > SHORT_WAIT_NS else 0)
@@ -49,17 +44,14 @@ class SteppedClock:
     """Stepped time of the network, which stands while a program runs."""
 
     def __init__(self, time: SteppedTime) -> None:
-        """Read this time."""
         self._time = time
         self.now_ns = time.now_ns
 
     async def wait_until(self, time_ns: int) -> None:
-        """Return once the time has passed."""
         await sleep_until(self._time, time_ns + 1)
 
 
 def clock_of(time: NetworkTime) -> Clock:
-    """Return the clock of a network's time."""
     return SteppedClock(time) if isinstance(time, SteppedTime) else NetworkClock(time)
 
 

@@ -41,8 +41,6 @@ BlockKey = tuple[int, int]  # number and half of a block
 
 
 class JumpingClock:
-    """A clock that jumps to whatever time is waited for."""
-
     def __init__(self, time_ns: int = START_NS) -> None:
         self.time_ns = time_ns
 
@@ -50,7 +48,6 @@ class JumpingClock:
         return self.time_ns
 
     async def wait_until(self, time_ns: int) -> None:
-        """Jump to just after the time."""
         self.time_ns = max(self.time_ns, time_ns + 1)
 
 
@@ -181,7 +178,6 @@ class LaboratoryHost:
     async def herald(
         self, count: int, ports: tuple[str, str], timeout_s: float, number: int = 0
     ) -> Feedback:
-        """Herald pairs of the hosts whose light comes to these ports, in this time at most."""
         names = {"session": SESSION, "number": number}
         return await self._act("herald", **names, count=count, ports=ports, timeout_s=timeout_s)
 
@@ -190,7 +186,6 @@ class LaboratoryHost:
         return await self._act("sense", block=block_id(block))
 
     async def discard(self, block: BlockKey) -> Feedback:
-        """Discard a block."""
         return await self._act("discard", block=block_id(block))
 
     async def gather(
@@ -211,7 +206,6 @@ class LaboratoryHost:
 
 
 def block_id(block: BlockKey) -> BlockId:
-    """Return the name of a block as requests have it."""
     number, half = block
     return BlockId(session=SESSION, number=number, half=half)
 

@@ -29,7 +29,6 @@ class PhotonRandom:
     def __init__(
         self, draws: Source, block: tuple[int, int, int], place: str, photons: int
     ) -> None:
-        """Draw for a block of k photons at a place of its way."""
         self._draws, self._block, self._place = draws, block, place
         self.photons = photons
 

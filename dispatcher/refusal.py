@@ -7,7 +7,6 @@ class Refusal(Exception):
     """A request that changes nothing; the message names the value and the remedy."""
 
     def __init__(self, code: grpc.StatusCode, message: str) -> None:
-        """Refuse with this gRPC status."""
         super().__init__(message)
         self.code = code
 

@@ -49,11 +49,9 @@ class Turns(Journal):
         return times.popleft()
 
     async def wait_until(self, _time_ns: int) -> None:
-        """Wait for this task's turn."""
         await self.resumed()
 
     async def resumed(self) -> None:
-        """Wait for this task's turn."""
         running = current_request.get()
         if running is None:
             raise BadRecord("a task waits that belongs to no request")

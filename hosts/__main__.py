@@ -75,7 +75,6 @@ async def connect(qnic: SimulatedQnic, found: asyncio.Event) -> None:
 
 
 def main() -> int:
-    """Read the arguments, run, and turn faults into one line and an exit status."""
     path = config_path("python -m hosts", __doc__)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
     try:

@@ -201,7 +201,6 @@ class BlockingSession:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """Return what the opener knows of the session by now."""
         return self._own.opener.summary
 
     def results(self) -> list[dict[str, Any]]:

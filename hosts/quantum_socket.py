@@ -36,7 +36,6 @@ class QuantumSocket(ServiceSocket):
 
     @property
     def statistics(self) -> dict[str, Any]:
-        """Resources that the session has used so far."""
         return self.summary
 
     def connect(self, address: tuple[str, int], **options: Any) -> None:

@@ -148,8 +148,6 @@ class SharedListener(socket.socket):
 
 
 class StreamServer:
-    """asyncio's start_server, with shares."""
-
     def __init__(
         self,
         handler: Callable[[StreamReader, StreamWriter], Any],

@@ -38,7 +38,6 @@ def answer(head: bytes, registry: CollectorRegistry) -> bytes:
 
 
 def unavailable(problem: str) -> bytes:
-    """Return the response of a program that cannot tell its metrics now."""
     return _response("503 Service Unavailable", PLAIN, f"{problem}\n".encode())
 
 

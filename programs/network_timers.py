@@ -68,7 +68,6 @@ class NetworkTimers:
         return timer
 
     async def wait_until(self, time_ns: int) -> None:
-        """Return once the clock has reached an instant."""
         if self.time.now_ns() >= time_ns:
             return
         reached = self.loop.create_future()
@@ -85,7 +84,6 @@ class NetworkTimers:
             self.loop.call_soon(self._tell)
 
     def close(self) -> None:
-        """Disconnect from the gate."""
         self.loop.remove_reader(self._gate.fileno())
         self._gate.close()
 
@@ -100,7 +98,6 @@ class NetworkTimers:
         self.changed()
 
     def _tell(self) -> None:
-        """Run what is due, and tell the gate what is next."""
         self._is_changing = False
         if not self._is_last:
             self._run_due()
@@ -132,7 +129,6 @@ def timers_of(
 
 
 def close_timers(loop: asyncio.AbstractEventLoop) -> None:
-    """Disconnect the timers of a loop from the gate, if there are any."""
     if (timers := _timers.pop(loop, None)) is not None:
         timers.close()
 
@@ -156,7 +152,6 @@ async def _stepped_timeout(timers: NetworkTimers, seconds: float) -> AsyncIterat
 
 
 async def sleep_until(time: NetworkTime, time_ns: int) -> None:
-    """Return once the clock of the network has reached an instant."""
     if isinstance(time, SteppedTime):
         await timers_of(asyncio.get_running_loop(), time).wait_until(time_ns)
     elif (remaining_ns := time_ns - time.now_ns()) > 0:

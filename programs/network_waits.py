@@ -12,7 +12,6 @@ class NetworkWaits:
     """The instant up to which a program lets stepped time pass."""
 
     def __init__(self, network_time: NetworkTime) -> None:
-        """Connect to the gate, if there is one."""
         self.time = network_time
         self._gate = GateClient(network_time) if isinstance(network_time, SteppedTime) else None
 

@@ -15,8 +15,6 @@ CHOOSE = "several networks run: {}; choose one, as in `qmn enter --run {} qmn de
 
 
 class Needs(enum.Enum):
-    """The surroundings that a verb needs."""
-
     NOTHING = "nothing"
     ROOT = "root"
     NETWORK = "namespaces in which it starts networks"

@@ -101,7 +101,6 @@ class OptionReader:
         return option.name
 
     def value_of(self, option: "Field[Any]", given: Any) -> Any:
-        """Return the value of a field that is given so."""
         return given
 
     def read(self, kind: type[Kind]) -> Kind:
@@ -130,8 +129,6 @@ class CommandLineReader(OptionReader):
 
 
 class KeywordReader(OptionReader):
-    """Reads keywords of scripts."""
-
     def name_of(self, option: "Field[Any]") -> str | None:
         return option.name if "help" in declared(option) else None
 

@@ -87,7 +87,6 @@ class Parser(argparse.ArgumentParser):
         return found, unknown
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Refuse what is not one of an argument's choices."""
         if action.choices is not None:
             known = [str(each) for each in action.choices]
             check_choice(name_of(action), str(value), known, self._refused)

@@ -119,7 +119,6 @@ def results() -> Iterator[str]:
 
 
 def type_of(schema: dict[str, Any]) -> str:
-    """Return a type of JSON in words."""
     if "anyOf" in schema:
         return " or ".join(map(type_of, schema["anyOf"]))
     if "$ref" in schema:

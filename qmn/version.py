@@ -16,7 +16,6 @@ class ShowVersion(argparse.Action):
     """Prints name and version, and ends the program; only then is the file read."""
 
     def __init__(self, option_strings: list[str], dest: str, **given: Any) -> None:
-        """Be an option without a value."""
         super().__init__(option_strings, argparse.SUPPRESS, nargs=0, **given)
 
     def __call__(self, parser: argparse.ArgumentParser, *_given: Any) -> None:

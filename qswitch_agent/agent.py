@@ -14,8 +14,6 @@ from wire.config import AgentConfig, BadConfig
 
 
 class Agent:
-    """The agent of one switch, over the hardware that it is given."""
-
     def __init__(self, config: AgentConfig, hardware: OpticalHardware) -> None:
         self._hardware, self._config = hardware, config
         self._paths = LightPaths(config.fiber_ports, hardware, config.time)
@@ -73,7 +71,6 @@ class Agent:
             self._channels.close()
 
     def _telemetry(self) -> AbstractAsyncContextManager[None]:
-        """Serve telemetry meanwhile, if that is configured."""
         if not self._config.gnmi:
             return nullcontext()
         from qswitch_agent.telemetry.service import serving

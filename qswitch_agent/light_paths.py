@@ -33,8 +33,6 @@ MAX_PROMISES = 4096  # an entry that the bridge itself has refused stays until t
 
 
 class Asker(Protocol):
-    """A controller's connection."""
-
     def fail(self, request: bytes, reason: str) -> None:
         """Answer a request of the controller with an error after all."""
 
@@ -86,8 +84,6 @@ log = logging.getLogger(__name__)
 
 @dataclass
 class Removed:
-    """A light entry that is no more."""
-
     mark: Mark
     idle: bool = False  # the agent has removed it, because no photon passed
 

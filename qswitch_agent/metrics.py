@@ -18,8 +18,6 @@ from qswitch_agent.hardware.optics import (
 
 
 class MeasuredHardware:
-    """Hardware that passes every call on to another, and measures."""
-
     def __init__(self, hardware: OpticalHardware) -> None:
         """Keep the metrics of this hardware in `registry`."""
         self._hardware = hardware
@@ -51,7 +49,6 @@ class MeasuredHardware:
             self._seconds.labels(rpc).observe(time.perf_counter() - started)
 
     async def set_cross_connects(self, cross_connects: Iterable[CrossConnect]) -> None:
-        """Make exactly these cross-connects."""
         connections = list(cross_connects)
         with self._measured("cross_connects"):
             await self._hardware.set_cross_connects(connections)

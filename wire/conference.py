@@ -21,8 +21,6 @@ _FIELDS = struct.Struct("!BQBdd")
 
 @dataclass(frozen=True)
 class ConferenceProposal:
-    """The terms of a conference key."""
-
     session: int  # by which all know it
     bound: Bound
     eps_sec: float  # that it is not secret, at most

@@ -50,8 +50,6 @@ class BadConfig(ValueError):
 
 @dataclass(frozen=True)
 class Config:
-    """Reading, writing and time, the same for all."""
-
     time_scale: float = field(default=1.0, kw_only=True)  # seconds here for one of the network
     time_since_ns: int = field(default=0, kw_only=True)  # when both clocks agreed
     time_folder: str = field(default="", kw_only=True)  # of the gate that steps time; empty: paced
@@ -82,8 +80,6 @@ class Config:
 
 @dataclass(frozen=True)
 class MeasuredConfig(Config):
-    """The configuration of a program with metrics for Prometheus."""
-
     # The listening socket that the runner has handed over for that; None: it tells nobody.
     metrics_fd: int | None = field(default=None, kw_only=True)
 

@@ -103,7 +103,6 @@ def setting_number(name: str, value: object) -> int | None:
 
 
 def setting_name(name: str, number: int) -> int | str:
-    """Return what people call the value of a setting: its name if it has one."""
     names = {value: text for text, value in NAMED.get(name, {}).items()}
     return names.get(number, number)
 
@@ -160,7 +159,6 @@ class SetDevice(Message):
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "SetDevice":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
         if len(body) != cls.FIELDS.size:
             raise MalformedPacket(f"SetDevice: {len(body)} bytes, not {cls.FIELDS.size}")
         return cls(session, _unpack_settings(body))
@@ -168,8 +166,6 @@ class SetDevice(Message):
 
 @dataclass(frozen=True)
 class DevicePort:
-    """A fibre port of a host."""
-
     name: str  # of its interface, at most 15 bytes
     up: bool
 
@@ -208,7 +204,6 @@ class DeviceReport(Message):
     ports: tuple[DevicePort, ...] = ()
 
     def encode(self) -> bytes:
-        """Return the message as it goes onto the wire."""
         _session, *numbers, settings, ports = vars(self).values()
         fixed = self.FIELDS.pack(*numbers, _pack_settings(settings))
         named = (PORT.pack(port.name.encode(), port.up) for port in ports)
@@ -216,7 +211,6 @@ class DeviceReport(Message):
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "DeviceReport":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
         size = cls.FIELDS.size
         count, rest = divmod(len(body) - size, PORT.size)
         if len(body) < size or rest or count > MAX_PORTS:
@@ -292,7 +286,6 @@ class SwapOrder(Message):
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "SwapOrder":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
         raw = super().parse(session, body)
         assert isinstance(raw, SwapOrder)
         right, station = (str(IPv4Address(address)) for address in (raw.right, raw.station))

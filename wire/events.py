@@ -115,7 +115,6 @@ def decode_record(data: bytes) -> Event:
 
 
 def _further(event: Event) -> dict[str, Any]:
-    """Return the fields that this module does not know by name."""
     if not _LATER:
         return {}
     further = [field.name for field, _value in event.ListFields() if field.name in _LATER]

@@ -59,8 +59,6 @@ class LinkState:
 
 @dataclass(frozen=True)
 class KeyLinks(Message):
-    """All key links of a host."""
-
     KIND = 37
     FIELDS = struct.Struct("!")
 
@@ -71,7 +69,6 @@ class KeyLinks(Message):
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "KeyLinks":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
         count, rest = divmod(len(body), LINK.size)
         if rest or count > MAX_LINKS:
             raise MalformedPacket(f"KeyLinks: {len(body)} bytes do not fit")
@@ -98,7 +95,6 @@ class KeyRouteRequest(Message):
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "KeyRouteRequest":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
         if len(body) != cls.FIELDS.size:
             raise MalformedPacket(f"KeyRouteRequest: {len(body)} bytes, not {cls.FIELDS.size}")
         target, stored, master, slave = cls.FIELDS.unpack(body)
@@ -134,7 +130,6 @@ class KeyRoute(Message):
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "KeyRoute":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
         count, rest = divmod(len(body) - cls.FIELDS.size, HOP.size)
         if rest or not 2 <= count <= MAX_HOPS:
             raise MalformedPacket(f"KeyRoute: {len(body)} bytes do not fit")

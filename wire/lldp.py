@@ -41,7 +41,6 @@ _SEAL = struct.Struct(f"!Q{TAG_BYTES}s")
 
 
 def period_s(fibers: int) -> float:
-    """Return how long a host waits between two announcements with this number of fibres."""
     return min(max(PERIOD_S, fibers / MOST_PER_S), LONGEST_PERIOD_S)
 
 

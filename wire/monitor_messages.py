@@ -51,7 +51,6 @@ class SealOrder(Message):
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "SealOrder":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
         raw = super().parse(session, body)
         assert isinstance(raw, SealOrder)
         opener, acceptor = (str(IPv4Address(getattr(raw, name))) for name in ENDS)
@@ -111,7 +110,6 @@ class SessionEstimate(Message):
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "SessionEstimate":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
         raw = super().parse(session, body)
         assert isinstance(raw, SessionEstimate)
         if raw.quantity not in set(Quantity):

@@ -23,8 +23,6 @@ MOST_PART_BYTES = 255  # NAME_MAX of limits.h
 
 
 class Kind(IntEnum):
-    """The kind of an entry."""
-
     FOLDER = 0
     FILE = 1
     PROGRAM = 2  # a file that its owner can execute

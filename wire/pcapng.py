@@ -45,8 +45,6 @@ class Interface(NamedTuple):
 
 
 class Packet(NamedTuple):
-    """One captured packet."""
-
     time_ns: int
     data: bytes
     length: int  # on the wire; more than len(data) if it was cut

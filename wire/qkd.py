@@ -41,8 +41,6 @@ class Bound(IntEnum):
 
 
 class Reconciliation(IntEnum):
-    """How errors are corrected."""
-
     CASCADE = 1
     LDPC = 2
 
@@ -139,7 +137,6 @@ class Proposal(QkdMessage):
     chsh_margin: float  # by which S has to be above 2
 
     def check(self) -> None:
-        """Raise MalformedPacket for fields that cannot be."""
         if not 0 <= self.chsh_fraction < 1:
             raise MalformedPacket(f"Proposal: chsh_fraction {self.chsh_fraction} is not 0 to 1")
         if not 0 <= self.chsh_margin < 1:
@@ -197,7 +194,6 @@ class Sample(QkdMessage):
     bits: bytes
 
     def check(self) -> None:
-        """Raise MalformedPacket for fields that cannot be."""
         if self.size >= self.sifted:
             raise MalformedPacket(f"Sample: {self.size} of {self.sifted} bits")
 
@@ -318,7 +314,6 @@ class Abort(QkdMessage):
 
     @classmethod
     def parse(cls, body: bytes) -> "Abort":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
         values, text = cls._fixed(body)
         _check_count("bytes of text", len(text), MAX_TEXT, least=0)
         try:
@@ -359,7 +354,6 @@ class Intensities(QkdMessage):
         return self.signal_share, self.weak_share, self.vacuum_share
 
     def check(self) -> None:
-        """Raise MalformedPacket for fields that cannot be."""
         signal, weak, vacuum = self.means
         if not (0 <= vacuum < weak and weak + vacuum < signal <= MAX_MEAN):
             raise MalformedPacket(f"Intensities: {self.means} are not a signal and decoys")

@@ -17,8 +17,6 @@ from wire.metadata.vocabulary import MemoryState, Reason, Service
 
 
 class Role(Enum):
-    """The role of a host in a session."""
-
     OPENER = "opener"
     ACCEPTOR = "acceptor"
     SOURCE = "source"
@@ -196,7 +194,6 @@ def uses_source(service: Service, by: Making = Making.SOURCE) -> bool:
 
 @cache
 def needs(service: Service, role: Role, by: Making = Making.SOURCE) -> Feature:
-    """Return what the host in a role must be able to."""
     table = HERALDED_NEEDS if by == Making.STATION else NEEDS
     needed = table.get(service, {}).get(role, NOTHING)
     keeps_its_own = by == Making.OPENER and role == OPENER

@@ -59,8 +59,6 @@ MAX_PAYLOAD = 1 << 20
 
 
 class Call(IntEnum):
-    """The kind of a message."""
-
     LISTEN = 2
     ACCEPT = 3
     DATA = 4

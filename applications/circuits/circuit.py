@@ -116,5 +116,4 @@ class Circuit:
 
     @property
     def bits(self) -> int:
-        """Return how many classical bits there are."""
         return sum(register.size for register in self.registers)

@@ -35,8 +35,6 @@ class BadGate(ValueError):
 
 @dataclass(frozen=True)
 class Primitive:
-    """A gate that the interpreter knows."""
-
     name: str
     qubits: int
     parameters: int

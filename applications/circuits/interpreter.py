@@ -169,7 +169,6 @@ def _draws_of(draws: Draws, batch: int, shots: int, measured: int) -> PhotonDraw
 
 
 def _final_state(circuit: Circuit) -> Dense:
-    """Return the state vector after all gates."""
     state = Dense(circuit.qubits)
     for gate in _gates(circuit.operations):
         if gate.name in PAULIS:

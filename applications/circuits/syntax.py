@@ -33,7 +33,6 @@ class Tokens:
     """The tokens of a source; `next` is the one that has not been taken yet."""
 
     def __init__(self, source: Source) -> None:
-        """Begin before the first token."""
         self._source = source
         self._rest = _tokens(source.text)
         self.next = next(self._rest)

@@ -34,7 +34,6 @@ def run(config: IpOverLightConfig) -> int:
 
 
 def main() -> int:
-    """Read the arguments, run, and turn faults into one line and an exit status."""
     path = config_path("python -m applications.ip_over_light", __doc__)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
     try:

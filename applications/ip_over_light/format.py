@@ -27,8 +27,6 @@ class Neighbor:
 
 @dataclass(frozen=True)
 class IpOverLightConfig(Config):
-    """One host's q0."""
-
     host: str
     stack: str  # path of the Unix socket of the host's stack
     address: str  # of q0

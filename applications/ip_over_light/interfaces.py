@@ -28,8 +28,6 @@ FIBERS = 2  # that a host needs to receive, or to make pairs
 
 @dataclass(frozen=True)
 class IpOverLight:
-    """The parameters of every q0."""
-
     mtu: int = DEFAULT_MTU
     idle_s: float = 2.0  # without a packet: then light is given back
     patience_s: float = 3.0  # that a packet waits for light which others have

@@ -17,8 +17,6 @@ from wire.parameters.option import option
 
 @dataclass(frozen=True, kw_only=True)
 class Q0Options:
-    """The parameters of every q0, if there are any."""
-
     GROUP: ClassVar[str] = "IP over light"
     q0: bool = option(
         False, "hosts have an interface q0 whose IP packets travel by light (docs/ip-over-light.md)"

@@ -41,7 +41,6 @@ class WantedLight:
     """The hosts for which this one waits for light, which others of its sessions may have."""
 
     def __init__(self) -> None:
-        """Begin with none."""
         self._hosts: list[str] = []  # by all threads, a whole step at a time
 
     @contextmanager

@@ -64,7 +64,6 @@ class Tun:
         _ip("link", "set", name, "up")
 
     def read(self) -> bytes:
-        """Wait for the next packet that this host sends."""
         return os.read(self._file, self._most)
 
     def write(self, packet: bytes) -> None:

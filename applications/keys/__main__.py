@@ -51,7 +51,6 @@ async def run(config: KeyManagerConfig) -> None:
 
 
 def main() -> int:
-    """Read the arguments, run, and turn faults into one line and an exit status."""
     path = config_path("python -m applications.keys", __doc__)
     logging.getLogger("tornado.access").setLevel(logging.ERROR)  # deliveries are logged in words
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")

@@ -55,8 +55,6 @@ class Router(Protocol):
 
 
 class KeyDelivery:
-    """The keys of one host's applications."""
-
     def __init__(self, config: KeyManagerConfig, tell: Tell, send: Send) -> None:
         """Open the stores; KeyStoreError if one cannot be."""
         self._config, self._tell = config, tell

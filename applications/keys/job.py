@@ -74,7 +74,6 @@ def service_of(request: KeysRequest, network: NetworkDescription) -> KeyService:
 
 
 def run(request: KeysRequest, signals: Signals, console: Console) -> int:
-    """Do the whole run and return its exit status."""
     request, description = checked(request)
     require_free(description.topo)
     folder = begin_folder(request.run.runs, NAME)

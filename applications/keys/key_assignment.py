@@ -51,7 +51,6 @@ class Assignment:
     void: tuple[UUID, ...] = ()
 
     def encode(self) -> bytes:
-        """Return the body."""
         return json.dumps(
             {
                 "master_SAE_ID": self.master,

@@ -45,8 +45,6 @@ class KeyRequest:
 
 @dataclass(frozen=True)
 class DeliveredKey:
-    """A key and its id."""
-
     key_id: UUID
     key: bytes
 
@@ -145,7 +143,6 @@ def decode_keys(body: bytes) -> list[DeliveredKey]:
 
 
 def encode_refusal(message: str, details: Sequence[Mapping[str, Any]] = ()) -> bytes:
-    """Return the body of an error."""
     return json.dumps(
         {"message": message} | ({"details": list(details)} if details else {})
     ).encode()

@@ -15,8 +15,6 @@ PPM = 1_000_000
 
 
 class Rate:
-    """How much secret key was made lately."""
-
     def __init__(self, now_s: Callable[[], float]) -> None:
         self._now_s, self._began_s = now_s, now_s()
         self._made: deque[tuple[float, int]] = deque()

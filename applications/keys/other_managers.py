@@ -52,8 +52,6 @@ def named(certificate: dict[str, Any]) -> str | None:
 
 
 class OtherManagers:
-    """The key managers that this one knows."""
-
     def __init__(self, config: KeyManagerConfig) -> None:
         """Read the certificates; ssl.SSLError or OSError if they cannot be used."""
         self._config = config

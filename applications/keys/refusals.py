@@ -30,7 +30,6 @@ def unauthorized() -> Refused:
 
 
 def unavailable(message: str) -> Refused:
-    """Return the refusal of what cannot be had now."""
     return Refused(UNAVAILABLE, message)
 
 

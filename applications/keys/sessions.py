@@ -16,8 +16,6 @@ class StackGone(Exception):
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of a session at this end."""
-
     keys: int
     qber: float | None  # of the sample, if one was disclosed
     fault: str = ""  # why there is no key; "": there is
@@ -98,7 +96,6 @@ async def offered(stack: str, port: int) -> AsyncIterator[tuple[str, "asyncio.Ta
 
 
 async def _accepted(stack: str, port: int) -> tuple[str, "asyncio.Task[Outcome]"]:
-    """Wait for the next session."""
     async with AsyncExitStack() as until_here:
         reader, writer = await until_here.enter_async_context(_connected(stack))
         writer.write(encode_fields(Call.ACCEPT, port=port))

@@ -54,7 +54,6 @@ class Application:
 
 
 def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
-    """Do the whole run and return its exit status."""
     description = describe_network(replace(request.network, looking=request.looking))
     request = with_machines(request, description.hosts)
     application = checked(request, description.hosts)
@@ -259,7 +258,6 @@ def rows(outputs: Sequence[Round]) -> dict[str, str]:
 
 
 def assigned(hosts: Mapping[str, str]) -> str:
-    """Return where roles are, as people read it."""
     return ", ".join(f"{role} on {host}" for role, host in hosts.items())
 
 

@@ -72,7 +72,6 @@ def located(role: str, folder: Path, number: int | None = None) -> Iterator[None
 
 
 def main() -> int:
-    """Read the arguments, run the program, and turn faults into one line and an exit status."""
     parser = argparse.ArgumentParser(
         prog="python -m applications.netqasm.program", description=__doc__
     )

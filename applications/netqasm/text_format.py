@@ -30,7 +30,6 @@ class Greeting(NamedTuple):
 
 
 def encode_greeting(greeting: Greeting) -> bytes:
-    """Return the bytes of a greeting."""
     sender, receiver = greeting.sender.encode(), greeting.receiver.encode()
     return GREETING.pack(MAGIC, VERSION, greeting.socket, sender, receiver)
 
@@ -50,7 +49,6 @@ def decode_greeting(data: bytes) -> Greeting:
 
 
 def encode_text(text: str) -> bytes:
-    """Return the bytes of a text."""
     data = text.encode()
     if len(data) > MAX_BYTES:
         raise ValueError(f"a text of {len(data)} bytes: at most {MAX_BYTES}, send several")

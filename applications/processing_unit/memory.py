@@ -19,8 +19,6 @@ Value = int | Outcome | None  # None: not defined
 
 
 class ClassicalMemory:
-    """Registers by number, arrays by address."""
-
     def __init__(self) -> None:
         self._registers: dict[int, Value] = {}
         self._arrays: dict[int, list[Value]] = {}

@@ -53,8 +53,6 @@ class OpenSocket(NamedTuple):
 
 
 class StopApplication(NamedTuple):
-    """An application ends."""
-
     application: int
 
 
@@ -105,7 +103,6 @@ def decode_host_message(data: bytes) -> HostMessage:
 
 
 def encode_host_message(message: HostMessage) -> bytes:
-    """Return what an application says."""
     match message:
         case InitApplication(application, qubits):
             return INITIAL.pack(INIT, application, qubits)
@@ -120,7 +117,6 @@ def encode_host_message(message: HostMessage) -> bytes:
 
 
 def encode_unit_message(message: UnitMessage) -> bytes:
-    """Return what a unit says."""
     match message:
         case ReturnedArray(address, values):
             entries = (ENTRY.pack(value is not None, value or 0) for value in values)

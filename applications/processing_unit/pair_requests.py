@@ -72,7 +72,6 @@ class PairRequest:
     receiver: Measuring
 
     def encode(self) -> bytes:
-        """Return the bytes of the request."""
         bases, rotations, axes = astuple(self.receiver)
         name = self.creator.encode()
         numbers = self.creator_socket, self.receiver_socket, self.pairs, self.use, bases
@@ -103,7 +102,6 @@ class PairAnswer(NamedTuple):
     pairs: int = 0
 
     def encode(self) -> bytes:
-        """Return the bytes of the answer."""
         return ANSWER.pack(MAGIC, VERSION, *self)
 
 
@@ -125,7 +123,6 @@ class PairsMade(NamedTuple):
     light_us: int
 
     def encode(self) -> bytes:
-        """Return the bytes of the message."""
         return MADE.pack(MAGIC, VERSION, *self)
 
 

@@ -74,7 +74,6 @@ class Arriving:
         """Nobody wants to know how far the service is."""
 
     async def deliver(self, _data: bytes) -> None:
-        """Refuse bytes: the service has none."""
         raise SessionError(Reason.PROTOCOL, "bytes in the place of pairs")
 
     async def ready(self, summary: dict[str, Any], _answer: Answerer) -> None:
@@ -82,7 +81,6 @@ class Arriving:
         self.blocks.set_result(await self._take(int(summary["session"], 16)))
 
     async def finish(self, _summary: dict[str, Any]) -> None:
-        """Know that the session is over."""
         self.ended.set()
 
     async def fail(self, error: BaseException) -> None:
@@ -117,7 +115,6 @@ class Wanted:
             self.came.set_exception(error)
 
     def verdict(self, request: PairRequest) -> Verdict:
-        """Return the verdict on a request for some of these pairs."""
         if request.use != Use.MEASURE and not self.can_keep:
             return Verdict.OTHER_USE
         return Verdict.READY

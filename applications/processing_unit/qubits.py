@@ -78,13 +78,11 @@ class Qubits:
             self._do(Kind.ZERO, block)
 
     def free(self, qubit: int) -> None:
-        """Discard a qubit."""
         block = self._block(qubit)
         del self._blocks[qubit]
         self._discard(block)
 
     def gate(self, name: str, qubit: int) -> None:
-        """Do a gate on one qubit."""
         block = self._block(qubit)
         for kind in GATES[name]:
             self._do(kind, block)
@@ -95,7 +93,6 @@ class Qubits:
         self._do(ROTATIONS[name], self._block(qubit), angle_rad=angle_rad)
 
     def pair_gate(self, name: str, first: int, second: int) -> None:
-        """Do a gate on two qubits."""
         one, other = self._block(first), self._block(second)
         if one == other:
             raise _refused(f"{name} of qubit {first} with itself: name two different qubits")

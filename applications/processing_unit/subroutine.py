@@ -164,6 +164,5 @@ def decode_register(byte: int) -> int:
 
 
 def encode_register(number: int) -> int:
-    """Return the byte that names a register."""
     bank, index = divmod(number, REGISTERS_IN_A_BANK)
     return index << 2 | bank

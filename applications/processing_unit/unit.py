@@ -34,8 +34,6 @@ from wire.socket_calls import Call, encode, encode_fields
 
 
 class Unit:
-    """The processing unit of one host."""
-
     port = PAIRS_PORT
 
     def __init__(

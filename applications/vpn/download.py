@@ -49,7 +49,6 @@ def download(url: str, output: Path, bytes_per_s: float, clock: NetworkTime) -> 
 
 
 def main() -> int:
-    """Read the arguments, download, and turn faults into one line and an exit status."""
     parser = argparse.ArgumentParser(
         prog="python -m applications.vpn.download", description=__doc__
     )

@@ -113,7 +113,6 @@ def require_installed(request: VpnRequest, places: Mapping[str, Machine]) -> Non
 
 
 def run(request: VpnRequest, signals: Signals, console: Console) -> int:
-    """Do the whole run and return its exit status."""
     request, description = checked(request)
     require_free(description.topo)
     folder = begin_folder(request.run.runs, NAME)
@@ -133,7 +132,6 @@ def run(request: VpnRequest, signals: Signals, console: Console) -> int:
 def passing_eve(
     request: VpnRequest, network: NetworkDescription, folder: Path
 ) -> PassingEavesdropper:
-    """Return who may come to the light."""
     begin = eavesdropping.sender_of_light(PROTOCOL, request.sender, network)
     return PassingEavesdropper(request.eve, begin, request.receiver, folder)
 
@@ -252,7 +250,6 @@ def closed_s(all_moments: Iterable[Moment], until_s: float) -> float:
 
 
 def digest(file: Path) -> str:
-    """Return the SHA-256 of a file."""
     with file.open("rb") as opened:
         whole = sha256()
         while part := opened.read(1 << 20):

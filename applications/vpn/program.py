@@ -184,7 +184,6 @@ def read_line(connection: socket.socket) -> bytes:
 
 
 def tunnel_of(config: VpnConfig) -> Tunnel:
-    """Return this end of the tunnel."""
     if config.program == STRONGSWAN:
         return StrongSwan(
             config.socket,
@@ -215,7 +214,6 @@ def tunnel_of(config: VpnConfig) -> Tunnel:
 
 
 def main() -> int:
-    """Read the configuration, keep the tunnel, and turn faults into one line and a status."""
     parser = argparse.ArgumentParser(prog="python -m applications.vpn.program", description=__doc__)
     parser.add_argument("--config", type=Path, required=True, help="JSON (applications.vpn.format)")
     arguments = parser.parse_args()

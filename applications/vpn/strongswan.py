@@ -40,8 +40,6 @@ REFUSALS = CommandException, SessionException, DeserializationException, EventUn
 
 @dataclass
 class StrongSwan:
-    """One end of a tunnel between two hosts."""
-
     socket: str  # path of charon's Unix socket
     secret: str  # by which both ends authenticate; hexadecimal
     address: str  # of this host

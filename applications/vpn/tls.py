@@ -35,8 +35,6 @@ WITH_US = ("setpriv", "--pdeathsig", "KILL")  # whatever ends this program ends 
 
 
 class Tls:
-    """One end of a tunnel between two hosts."""
-
     def __init__(
         self,
         interface: str,

@@ -19,8 +19,6 @@ KEY_BYTES = 32
 
 @dataclass(frozen=True)
 class WireGuard:
-    """One end of a tunnel between two hosts."""
-
     interface: str
     private_key: str  # base64, X25519
     address: str  # inside, with prefix length

@@ -89,8 +89,6 @@ class Waiting:
 
 
 class DeviceMonitor(App):
-    """Knows the state of every device."""
-
     OFP_VERSIONS = (ofproto.OFP_VERSION,)
 
     def __init__(self, config: ControllerConfig, record: Record, **contexts: Any) -> None:
@@ -127,7 +125,6 @@ class DeviceMonitor(App):
 
     @on(EventDeviceTick)
     def time_passed(self, event: Any) -> None:
-        """Do what is due."""
         now = self._ticks.now_s()
         self._port_lines.time_passed(now)
         self._give_up_waiting(now)
@@ -165,7 +162,6 @@ class DeviceMonitor(App):
 
     @on(ofp_event.EventOFPStateChange, MAIN, DEAD)
     def switch_changed(self, event: Any) -> None:
-        """Note which switches are connected."""
         datapath, now = event.datapath, self._ticks.now_s()
         dpid = datapath.id
         if event.state == MAIN:
@@ -181,13 +177,11 @@ class DeviceMonitor(App):
 
     @on(ofp_event.EventOFPPortDescStatsReply, MAIN)
     def ports_described(self, event: Any) -> None:
-        """Take in what a quantum switch says of its ports."""
         for port in self._heard(event.msg, event.msg.body):
             self._describe(event.msg.datapath.id, port)
 
     @on(ofp_event.EventOFPPortStatus, MAIN)
     def port_changed(self, event: Any) -> None:
-        """Take in what a quantum switch says of one port by itself."""
         gone = event.msg.reason == ofproto.OFPPR_DELETE
         for port in self._heard(event.msg, [event.msg.desc]):
             self._describe(event.msg.datapath.id, port, gone)
@@ -200,13 +194,11 @@ class DeviceMonitor(App):
 
     @on(ofp_event.EventOFPPortStatsReply, MAIN)
     def ports_counted(self, event: Any) -> None:
-        """Take in the counters of a quantum switch's ports."""
         for statistics in self._heard(event.msg, event.msg.body):
             self.switches[event.msg.datapath.id].count_port(statistics)
 
     @on(ofp_event.EventOFPFlowStatsReply, MAIN)
     def flows_listed(self, event: Any) -> None:
-        """Take in the paths of a quantum switch."""
         message = event.msg
         if message.datapath.id in self.switches:
             more = bool(message.flags & ofproto.OFPMPF_REPLY_MORE)
@@ -316,7 +308,6 @@ class DeviceMonitor(App):
 
     @on(EventQuestion)
     def asked(self, question: Any) -> None:
-        """Answer what another thread wants to know."""
         if question.name == "set":
             try:
                 self._set(question, **question.fields)

@@ -23,8 +23,6 @@ class EventSwapsOrdered(Event):
 
 
 class EventOrder(Event):
-    """A host is to do something."""
-
     def __init__(self, order: Order) -> None:
         super().__init__()
         self.order = order
@@ -59,8 +57,6 @@ class EventMonitorOver(Event):
 
 
 class EventEstimate(Event):
-    """A host has reported a session's estimate of its light."""
-
     def __init__(self, host: str, address: str, estimate: SessionEstimate) -> None:
         super().__init__()
         self.host, self.address, self.estimate = host, address, estimate
@@ -91,7 +87,6 @@ class HostOrders:
 
 
 def session_of(order: AnyOrder) -> int:
-    """Return which session an order is about."""
     if isinstance(order, SwapOrder):
         return order.chain
     return order.about if isinstance(order, SessionQuery) else order.seal

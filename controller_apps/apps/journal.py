@@ -22,8 +22,6 @@ from wire.network_time import REAL_TIME, NetworkTime
 
 
 class Journal:
-    """Writes what the arbiter decided and what hosts reported."""
-
     def __init__(
         self,
         record: Record,

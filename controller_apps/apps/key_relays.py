@@ -40,16 +40,12 @@ from wire.metadata.vocabulary import Reason
 
 @dataclass(frozen=True)
 class Heard:
-    """A message of a key manager, and where it came from."""
-
     host: str
     place: Place
     message: Message
 
 
 class KeyRelays(App):
-    """Knows the key links of the network."""
-
     OFP_VERSIONS = (ofproto.OFP_VERSION,)
 
     def __init__(self, config: ControllerConfig, record: Record, **contexts: Any) -> None:
@@ -67,7 +63,6 @@ class KeyRelays(App):
 
     @on(ofp_event.EventOFPStateChange, MAIN, DEAD)
     def switch_changed(self, event: Any) -> None:
-        """Note which switches are connected."""
         datapath = event.datapath
         dpid = datapath.id
         if event.state == MAIN:
@@ -182,7 +177,6 @@ class KeyRelays(App):
 
     @on(EventQuestion)
     def asked(self, question: Any) -> None:
-        """Answer what another thread wants to know."""
         handlers = {
             "keys": lambda: keys_view(self.network, time.monotonic()),
             "reload": self._reload_policy,

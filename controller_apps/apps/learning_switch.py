@@ -36,7 +36,6 @@ class LearningSwitch(App):
 
     @on(ofp_event.EventOFPStateChange, MAIN, DEAD)
     def switch_changed(self, event: Any) -> None:
-        """Forget a switch that has come or gone."""
         datapath = event.datapath
         if datapath.id is None:
             return

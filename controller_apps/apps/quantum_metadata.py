@@ -87,8 +87,6 @@ class EventInstantOver(Event):
 
 
 class QuantumMetadata(App):
-    """Arbitrates light between hosts."""
-
     OFP_VERSIONS = (ofproto.OFP_VERSION,)
 
     def __init__(
@@ -152,7 +150,6 @@ class QuantumMetadata(App):
 
     @on(EventTick)
     def time_passed(self, event: Any) -> None:
-        """Do what is due."""
         self.fibers.time_passed(self._ticks.now_s())
         self.journal.time_passed()
         self._keep_hosts()
@@ -224,7 +221,6 @@ class QuantumMetadata(App):
 
     @on(ofp_event.EventOFPExperimenterStatsReply, CONFIG, MAIN)
     def optics_reported(self, event: Any) -> None:
-        """Take the optics of a quantum switch."""
         if self.fibers.learn(event.msg):
             self._optics_known(event.msg.datapath.id)
 
@@ -239,7 +235,6 @@ class QuantumMetadata(App):
 
     @on(ofp_event.EventOFPPortStatsReply, CONFIG, MAIN)
     def ports_measured(self, event: Any) -> None:
-        """Take the measurements of a quantum switch's ports."""
         if event.msg.datapath.id in self.switches.quantum:
             self.fibers.measured(event.msg)
 
@@ -318,7 +313,6 @@ class QuantumMetadata(App):
 
     @on(ofp_event.EventOFPBarrierReply, CONFIG, MAIN)
     def barrier_passed(self, event: Any) -> None:
-        """Report to the arbiter that a switch is ready."""
         shows_life(event.msg.datapath)
         dpid, xid = event.msg.datapath.id, event.msg.xid
         if kind := self.switches.prepared(dpid, xid):
@@ -329,7 +323,6 @@ class QuantumMetadata(App):
 
     @on(ofp_event.EventOFPErrorMsg, CONFIG, MAIN)
     def switch_refused(self, event: Any) -> None:
-        """Report to the arbiter that a switch has refused a transaction."""
         error = event.msg
         dpid = error.datapath.id or 0  # 0: not yet known
         if self.fibers.silent(dpid, error.xid):
@@ -409,7 +402,6 @@ class QuantumMetadata(App):
 
     @on(EventQuestion)
     def asked(self, question: Any) -> None:
-        """Answer a question of another thread."""
         sessions, network = self.arbiter.sessions, self.network
         handlers = {
             "sessions": lambda: sessions_view(sessions, network, self._now()),

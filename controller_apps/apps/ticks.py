@@ -16,7 +16,6 @@ class Ticks:
     """
 
     def __init__(self, network_time: NetworkTime, pause_s: float) -> None:
-        """Look again after each pause."""
         self._time, self._pause_s = network_time, pause_s
         self._gate: GateClient | None = None
         if isinstance(network_time, SteppedTime):

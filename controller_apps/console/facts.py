@@ -12,8 +12,6 @@ from wire.parameters.checks import remedy
 
 @dataclass(frozen=True)
 class Facts:
-    """The apps that know."""
-
     quantum: Any
     monitor: Any
     relays: Any

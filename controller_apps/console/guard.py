@@ -30,7 +30,6 @@ class Guard:
         self._token = token
 
     def __call__(self, environment: Environment, start_response: StartResponse) -> Iterable[bytes]:
-        """Answer a request."""
         refusal = self.refusal(environment)
         if refusal is None:
             return self._application(environment, start_response)

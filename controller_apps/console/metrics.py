@@ -46,7 +46,6 @@ class MeasuredRecord(Record):
     def __init__(
         self, path: str, registry: CollectorRegistry, time: NetworkTime = REAL_TIME
     ) -> None:
-        """Open the file; keep the metrics in the registry."""
         super().__init__(path, time)
         self._facts = Counter(
             "qmn_controller_facts", "What has happened, by kind.", ["event"], registry=registry
@@ -59,7 +58,6 @@ class MeasuredRecord(Record):
         )
 
     def write(self, event: str, **fields: Any) -> None:
-        """Append one fact."""
         super().write(event, **fields)
         self._facts.labels(event).inc()
         if "setup_ms" in fields:
@@ -114,7 +112,6 @@ class Metrics:
         hub.spawn(self.serve)
 
     def serve(self) -> None:
-        """Serve for ever."""
         with EndOnFault("metrics"):
             while True:
                 connection, _ = self._listener.accept()

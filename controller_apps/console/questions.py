@@ -23,7 +23,6 @@ class EventQuestion(Event):
         self._answers: Any = hub.Queue()
 
     def answer(self, answer: Any) -> None:
-        """Give the answer, or a Refused."""
         self._answers.put(answer)
 
     def wait(self) -> Any:

@@ -47,7 +47,6 @@ class Resources(wsgi().ControllerBase):  # type: ignore[misc]
 
     @route("tapi", "/restconf/data/{path:.*}", methods=["GET"])
     def tapi(self, request: Any, path: str, **_: Any) -> Any:
-        """Return a resource of ONF's Transport API."""
         try:
             resource = tapi.resource(known_facts().tapi(), path)
         except Refused as refused:
@@ -63,7 +62,6 @@ class Resources(wsgi().ControllerBase):  # type: ignore[misc]
 
     @route("set", "/qmn/devices/{name}", methods=["POST"])
     def set(self, request: Any, name: str, **_: Any) -> Any:
-        """Override settings of a host."""
         if request.content_length is None or request.content_length > MAX_REQUEST:
             return response(413, {"error": f"give a body of at most {MAX_REQUEST} bytes"})
         try:

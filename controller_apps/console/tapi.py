@@ -22,7 +22,6 @@ Fields = Mapping[str, Any]
 
 
 def context(paths: Iterable[Fields], fibers: Iterable[Fields], sessions: Iterable[Fields]) -> Any:
-    """Return the whole tree, of what the console tells of paths, fibres and sessions."""
     opened = {session["session"] for session in sessions if session["open"]}
     lit = [(path, path["session"] in opened) for path in paths]
     return {

@@ -50,7 +50,6 @@ def paths_view(sessions: Sessions, network: Network) -> list[dict[str, Any]]:
 
 
 def request_view(request: Request, network: Network) -> dict[str, str]:
-    """Return what is asked for, by whom and of whom."""
     return {
         "service": Service(request.setup.service).name.lower(),
         "from": name_of(network, request.five_tuple.source),
@@ -59,7 +58,6 @@ def request_view(request: Request, network: Network) -> dict[str, str]:
 
 
 def light_view(session: Session, network: Network) -> list[dict[str, Any]]:
-    """Return the light paths of a session, each with the switches on its way."""
     return [
         {
             "begin": _host(network, path.leg.start),

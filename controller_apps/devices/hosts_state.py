@@ -49,8 +49,6 @@ class Place:
 
 @dataclass
 class HostState:
-    """One host as it was heard last."""
-
     place: Place
     report: DeviceReport
     heard: float
@@ -154,7 +152,6 @@ def switch_view(switch: SwitchState, now: float, period_s: float) -> dict[str, A
 
 
 def host_view(name: str, state: HostState, silent: bool, age_s: float) -> dict[str, Any]:
-    """Return a host: what its device does, has done, and is set to."""
     report = state.report
     return {
         "name": name,

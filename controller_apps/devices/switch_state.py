@@ -129,7 +129,6 @@ def _path(entry: Any) -> list[dict[str, Any]]:
 
 
 def _counter(value: int) -> int | None:
-    """Return a counter, None if the switch does not have it."""
     return None if value == NOT_AVAILABLE else value
 
 

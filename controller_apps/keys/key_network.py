@@ -18,8 +18,6 @@ MAX_APPLICATIONS = 4096  # the oldest is forgotten
 
 @dataclass(frozen=True)
 class Report:
-    """The report of a host on its links, and when it came."""
-
     links: dict[str, LinkState]  # by address of the other end
     heard: float
 
@@ -129,7 +127,6 @@ class KeyNetwork:
         return None
 
     def _why_not(self, host: str, request: KeyRouteRequest, now: float) -> str:
-        """Return what is missing: trust, keys, or links."""
         ends = f"{self.names[host]} and {self.names[request.target]}"
         anybody = self._widest(host, request.target, request.stored, now, lambda _node: True)
         if anybody is not None:

@@ -25,8 +25,6 @@ NOT_TOLD = PathOptics(ANY_PORT, ANY_PORT, 0, 0)
 
 
 class SwitchPort(NamedTuple):
-    """A port of a quantum switch."""
-
     dpid: int
     port: int
 
@@ -57,7 +55,6 @@ class SwitchOptics:
 
     @property
     def least_loss_mdb(self) -> int:
-        """The least loss of a path."""
         return min(path.loss_mdb for path in (self.others, *self.paths.values()))
 
 
@@ -66,8 +63,6 @@ UNKNOWN = SwitchOptics()
 
 @dataclass
 class Optics:
-    """The optics of all switches."""
-
     switches: dict[int, SwitchOptics] = field(default_factory=dict)  # by datapath id
     ranges: dict[SwitchPort, PortOptics] = field(default_factory=dict)
     tuned_mhz: dict[SwitchPort, int] = field(default_factory=dict)

@@ -36,8 +36,6 @@ class Direction(NamedTuple):
 
 @dataclass(frozen=True)
 class HostPort:
-    """A host's report on the fibre at one of its ports."""
-
     host: str
     address: str  # IPv4, of its classical interface
     name: str  # of the port

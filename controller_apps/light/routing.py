@@ -59,8 +59,6 @@ def _nothing(_way: Direction) -> bool:
 
 
 class Limits(NamedTuple):
-    """The limits of a path."""
-
     blocked: Callable[[Direction], bool] = _nothing
     frequency_mhz: int | None = None  # None: whatever the ports are tuned to
     loss_budget_mdb: int | None = None

@@ -66,7 +66,6 @@ def add(
 
 
 def delete(datapath: Datapath, table: int, strict: bool = False, **more: Any) -> Any:
-    """Return the message that deletes all entries of a table that fit."""
     command = ofproto.OFPFC_DELETE_STRICT if strict else ofproto.OFPFC_DELETE
     return parser.OFPFlowMod(
         datapath,
@@ -193,7 +192,6 @@ def bypass(datapath: Datapath, five_tuple: FiveTuple, session: int, idle_timeout
 
 
 def delete_bypass(datapath: Datapath, five_tuple: FiveTuple, session: int) -> Any:
-    """Return the message that deletes what bypass added."""
     return delete(
         datapath,
         METADATA_TABLE,
@@ -206,7 +204,6 @@ def delete_bypass(datapath: Datapath, five_tuple: FiveTuple, session: int) -> An
 
 
 def count_bypass(datapath: Datapath, five_tuple: FiveTuple, session: int) -> Any:
-    """Return the request for how much has passed by what bypass added."""
     match = parser.OFPMatch(**_connection(five_tuple))
     return parser.OFPFlowStatsRequest(
         datapath, 0, METADATA_TABLE, ofproto.OFPP_ANY, ofproto.OFPG_ANY, session, ALL_BITS, match

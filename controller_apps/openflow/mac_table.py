@@ -47,7 +47,6 @@ class MacTable:
         return before is not None and before != port
 
     def port_of(self, dpid: int, station: bytes) -> int | None:
-        """Return the learned port, None if there is none."""
         return self.ports.get(dpid, {}).get(station)
 
     def place(self, stations: Iterable[Station]) -> None:

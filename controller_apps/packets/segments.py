@@ -45,7 +45,6 @@ class Segment:
 
     @property
     def payload(self) -> bytes:
-        """The bytes that TCP carries."""
         return self.frame[self.payload_offset : self.end]
 
     @property

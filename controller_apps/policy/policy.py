@@ -41,7 +41,6 @@ class Watch:
 
     @property
     def block_pairs(self) -> int:
-        """How many pairs a block has."""
         return max(1, min(BLOCK_PAIRS, self.pairs, self.rate_hz // BLOCKS_PER_S))
 
 
@@ -59,8 +58,6 @@ class Host:
 
 @dataclass(frozen=True)
 class SessionRequest:
-    """The request of a set-up."""
-
     service: str
     sender: Host
     receiver: Host
@@ -86,7 +83,6 @@ class Rule:
     max_frame_bytes: int | None = None
 
     def fits(self, request: SessionRequest) -> bool:
-        """Whether the rule speaks of such a request."""
         return self.service in ("*", request.service) and all(
             getattr(self, who) in ("*", host.name, host.address)
             for who in WHO.values()
@@ -145,8 +141,6 @@ class Filter:
 
 @dataclass(frozen=True)
 class Reporting:
-    """When devices tell their state."""
-
     period_s: float = 1.0
     lost_share: float = 1.0  # of the pairs that were sent; 1: never
     symbol_error_share: float = 1.0  # of the symbols that were received; 1: never
@@ -154,8 +148,6 @@ class Reporting:
 
 @dataclass(frozen=True)
 class Policy:
-    """The content of a policy file."""
-
     default: str = "allow"
     rules: tuple[Rule, ...] = ()
     devices: dict[str, DeviceSettings] = field(default_factory=dict)  # overrides, by host name

@@ -51,8 +51,6 @@ ORDERS: Mapping[str, Callable[[Waiting], Place]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Queue:
-    """A policy's rules of waiting."""
-
     order: str = FCFS  # of ORDERS
     slot_s: float = 0.5  # of "slots"
 

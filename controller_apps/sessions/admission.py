@@ -61,7 +61,6 @@ class Admission:
 
     @property
     def refusal(self) -> Refusal:
-        """Why not."""
         return Refusal(self.reason, self.detail, self.node, self.obstacle)
 
 

@@ -157,7 +157,6 @@ class Arbiter:
         return [*actions, *self.queue.serve(now)]
 
     def node_answered(self, number: int, node: str, reason: Reason, now: float) -> list[Action]:
-        """Note the answer of a node of a chain (its address) to its order."""
         return self.ordering.node_answered(number, node, reason, now)
 
     def barrier_passed(self, dpid: int, transaction: int, now: float) -> list[Action]:
@@ -176,7 +175,6 @@ class Arbiter:
         return [*granted, *self.repairs.mend(session, now)]
 
     def switch_refused(self, transaction: int, now: float) -> list[Action]:
-        """Act on a transaction that a switch has answered with an error."""
         return self._then_serve(self.repairs.switch_refused(transaction, now), now)
 
     def network_changed(self, now: float) -> list[Action]:

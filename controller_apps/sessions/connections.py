@@ -85,8 +85,6 @@ WINDOW = 1 << 20  # bytes further on than was seen
 
 @dataclass
 class Connections:
-    """Follows the connections of all requests."""
-
     sessions: Sessions
     terms: Terms
     verdicts: Verdicts

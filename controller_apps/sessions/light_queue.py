@@ -132,7 +132,6 @@ class LightQueue:
         return [Note("light_after", session.number, ends=session.ends, after=after), *opening]
 
     def expire(self, now: float) -> list[Action]:
-        """Refuse the requests that have waited for too long."""
         actions: list[Action] = []
         for request in list(self.sessions.queue.values()):
             if now >= request.late:

@@ -31,8 +31,6 @@ NO_LINKS: Links = frozenset()
 
 
 class LinkMonitors:
-    """The links of the last monitors, by session."""
-
     def __init__(self, network: Network) -> None:
         self._network = network
         self._watched: dict[int, tuple[str, Links]] = {}  # the opener's address, and its links

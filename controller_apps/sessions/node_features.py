@@ -30,7 +30,6 @@ class Want:
 
     @property
     def reason(self) -> Reason:
-        """Return why the session is refused."""
         return WANT_OF[self.feature]
 
     def __str__(self) -> str:
@@ -103,5 +102,4 @@ def _want(network: Network, address: str, role: Role, needed: Feature) -> Want |
 
 @cache
 def _missing(needed: Feature, there: Feature) -> Feature | None:
-    """Return the first feature that is needed and is not there."""
     return next(iter(needed & ~there), None)

@@ -42,8 +42,6 @@ class Enquiry:
 
 @dataclass
 class Enquiries:
-    """All of them, by session."""
-
     sessions: Sessions
     _open: dict[int, Enquiry] = field(default_factory=dict)
 
@@ -51,7 +49,6 @@ class Enquiries:
         self._open[session.number] = Enquiry(session, now)
 
     def due(self, now: float) -> list[Action]:
-        """Return the questions that are to be asked now."""
         self._open = {
             number: enquiry
             for number, enquiry in self._open.items()

@@ -17,8 +17,6 @@ from wire.metadata.vocabulary import Reason
 
 @dataclass
 class Expiry:
-    """Refuses requests, and tears down sessions."""
-
     sessions: Sessions
     terms: Terms
     light: Light
@@ -71,8 +69,6 @@ class Expiry:
 
 @dataclass
 class Repairs:
-    """Acts on the sessions that have light."""
-
     network: Network
     sessions: Sessions
     light: Light

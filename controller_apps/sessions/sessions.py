@@ -273,7 +273,6 @@ class Sessions:
         return f"{theirs} sessions of {opener} are under way, its share"
 
     def of(self, request: Request) -> Session | None:
-        """Return the session that a request belongs to, None if it has none (any more)."""
         session = self.by_number.get(request.setup.session)
         if session is None or session.requests.get(request.five_tuple) is not request:
             return None

@@ -134,7 +134,6 @@ class Setups:
         return [note, Forward(arrival.dpid, arrival.in_port, frame)]
 
     def decide(self, setup: Setup, arrival: Arrival, now: float) -> list[Action]:
-        """Decide on a set-up of an opened connection."""
         if setup.verdict != Verdict.PENDING:
             detail = f"set-up of {setup.session:016x} comes with a verdict"
             return [Drop("forged", detail, arrival.port)]

@@ -40,8 +40,6 @@ class Reserved:
 
 @dataclass
 class Slots:
-    """Reservations, by slot."""
-
     sessions: Sessions
     slot_s: float
     reserved: dict[FiveTuple, Reserved] = field(default_factory=dict)

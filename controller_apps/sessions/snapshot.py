@@ -176,7 +176,6 @@ def _check_member(request: Request, session: Session) -> None:
 
 
 def encode_hosts(hosts: Mapping[SwitchPort, HostPort]) -> bytes:
-    """Return what is to be kept of where hosts are."""
     data = b""
     for at, host in hosts.items():
         names = host.host.encode(), host.name.encode()

@@ -17,8 +17,6 @@ from wire.verdict import seal
 
 @dataclass
 class Verdicts:
-    """Acts on all sessions and on their light."""
-
     sessions: Sessions
     light: Light
     terms: Terms
@@ -47,7 +45,6 @@ class Verdicts:
         return [*undone, note, *self.answer(request, Verdict.REFUSED, why)]
 
     def answer(self, request: Request, verdict: Verdict, why: Refusal) -> list[Action]:
-        """Release the message that waits, with a verdict in it."""
         self.sessions.held.pop(request.transaction, None)
         self.sessions.queue.pop(request.five_tuple, None)
         arrival = request.decide(verdict, why)
@@ -62,7 +59,6 @@ class Verdicts:
         return seal(message, key, five_tuple) if key else message
 
     def over(self, request: Request, cause: str, now: float) -> list[Action]:
-        """Note the end of a request's connection."""
         if request.held is not None:
             # It must pass, or TCP would repeat it for minutes.
             return self.refuse(request, Refusal(Reason.PEER_GONE, cause), now)

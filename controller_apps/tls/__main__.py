@@ -14,7 +14,6 @@ from wire.config import BadConfig, EntranceConfig
 
 
 async def serve(config: EntranceConfig) -> None:
-    """Serve until SIGTERM or SIGINT."""
     stop = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)

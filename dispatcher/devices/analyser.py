@@ -90,8 +90,6 @@ class Mismatch:
 
 
 class Analyser:
-    """The Bell analyser of one host."""
-
     def __init__(self, device: Device, arms: tuple[DetectorPair, DetectorPair]) -> None:
         """Look with the detectors of these arms: phase, parity."""
         self._device, self._detectors, self.arms = device.analyser, device.detectors, arms

@@ -166,8 +166,6 @@ class Afterpulses(NamedTuple):
 
 @dataclass(frozen=True)
 class Clicks:
-    """The clicks of one detector in a train."""
-
     seen: Mask
     afterpulses: int = 0
     dead: int = 0  # what would have clicked too
@@ -175,8 +173,6 @@ class Clicks:
 
 @dataclass
 class Detector:
-    """One detector over time."""
-
     device: Detectors
     _last_ns: int | None = None
     _to_come_ns: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))

@@ -51,14 +51,11 @@ class Detection:
         return clicked if self.twice is None else clicked & ~self.twice
 
     def incidents(self) -> dict[str, int]:
-        """Return what was out of the ordinary, and how often."""
         names = ("dark", "afterpulses", "dead", "double", "outside")
         return {name: count for name in names if (count := getattr(self, name))}
 
 
 class DetectorPair:
-    """Two detectors of one kind."""
-
     def __init__(self, device: Detectors) -> None:
         self._device = device
         self._detectors = Detector(device), Detector(device)

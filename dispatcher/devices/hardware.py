@@ -40,7 +40,6 @@ class Moment(Passage):
         waited_s: NDArray[np.float64],
         qubits: int,
     ) -> None:
-        """Draw from a block's generators for one such moment."""
         super().__init__(draws, block, place, schedule, history)
         self.what, self.waited_s, self.qubits = what, waited_s, qubits
 

@@ -43,7 +43,6 @@ class Heralds(NamedTuple):
 
     @property
     def probability(self) -> float:
-        """Return how likely an attempt is heralded."""
         return sum(self.chances)
 
 

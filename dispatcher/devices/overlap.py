@@ -130,13 +130,10 @@ class Overlap(NamedTuple):
         return float(np.min(self.apart(self.best_ps + abs(self.best_ps) + most_ps)))
 
     def of(self, photons: NDArray[np.integer]) -> "Overlap":
-        """Return that of some photons."""
         return self._replace(most=self.most[photons]) if isinstance(self.most, np.ndarray) else self
 
 
 class Spectrum(NamedTuple):
-    """The spectrum of a photon."""
-
     bandwidth_nm: float = 0.0  # rms; 0: unknown
     dispersion_ps_per_nm: float = 0.0  # of all fibres so far
     frequency_mhz: int = 0  # 0: that of the other one

@@ -97,7 +97,6 @@ class ChannelCrosstalk:
         return channel in self._strand and bool(self._strand[channel].passing)
 
     def effect(self, passage: Passage) -> Effect:
-        """Draw which photons stray, and how many come with each pulse."""
         stays = 1 - self._share * len(self._neighbours)
         lost = ~passage.happens("stay", stays)
         lit = [self._strand[each] for each in self._neighbours if self._lit(each)]

@@ -66,7 +66,6 @@ class ClassicalLight:
         return approximation(CLASSICAL_LIGHT, -math.expm1(-power_mw * self.photons_per_mw))
 
     def effect(self, passage: Passage) -> Effect:
-        """Draw how many noise photons come with each pulse."""
         schedule = passage.schedule
         highest_mw = self.power_mw.highest(schedule.first_ns, schedule.last_ns)
         if highest_mw == 0:

@@ -200,7 +200,6 @@ class Passage(PhotonRandom):
         history: NoiseHistory,
         width_rad_per_s: float = 0.0,
     ) -> None:
-        """Draw from a block's generators for one passage, of light with a spectrum so wide."""
         super().__init__(draws, block, place, schedule.photons)
         self.schedule, self.history = schedule, history
         self.width_rad_per_s = width_rad_per_s  # rms; 0: of one colour
@@ -242,7 +241,6 @@ class Effect(NamedTuple):
 
     @property
     def approximations(self) -> Approximations:
-        """The approximations of this effect."""
         return EXACT if self.exact else self.named
 
 

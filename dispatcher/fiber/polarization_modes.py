@@ -56,7 +56,6 @@ class PolarizationModeDispersion:
     time_s: float
 
     def effect(self, passage: Passage) -> Effect:
-        """Follow the delay."""
         starts, vectors = wander(passage, self.mean_ps / MEAN_MAXWELL, self.time_s, 3)
         delays_ps = np.linalg.norm(vectors, axis=1)
         each_ps = np.repeat(delays_ps, np.diff(starts, append=passage.photons))

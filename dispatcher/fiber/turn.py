@@ -27,7 +27,6 @@ class Turn:
     quaternions: Quaternions
 
     def stretch(self, photons: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return in which stretch each of these photons is."""
         return self.starts.searchsorted(photons, side="right") - 1
 
     def after(self, earlier: "Turn | None") -> "Turn":

@@ -160,7 +160,6 @@ def part_of(sabot: Simulation, block: Block, members: Mask) -> ExtraPairs | None
 
 
 def unite(sabot: Simulation, block: Block, other: Block) -> None:
-    """Take in the further photons of another part of a block."""
     if block.extra_pairs is None:
         block.extra_pairs = other.extra_pairs
     elif other.extra_pairs is not None:
@@ -187,7 +186,6 @@ def gather(
 
 
 def drop(sabot: Simulation, block: Block, draws: Draws) -> None:
-    """Discard a block's further photons."""
     if block.extra_pairs is not None:
         sabot.drop(
             block.extra_pairs.register,

@@ -29,8 +29,6 @@ MOST_UNWRITTEN = 1_000
 
 
 class EventCapture:
-    """A capture file that grows with every event."""
-
     def __init__(self, file: IO[bytes], fibers: Sequence[Fiber]) -> None:
         """Write the file's header."""
         names = [ELSEWHERE, *(fiber_name(fiber) for fiber in fibers)]
@@ -91,7 +89,6 @@ class Watcher:
         return not self._events
 
     async def next(self) -> Event:
-        """Wait for the next event."""
         while not self._events:
             self._some.clear()
             await self._some.wait()

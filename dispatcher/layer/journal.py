@@ -21,7 +21,6 @@ class Journal:
     """Notes when a request begins and when a wait is over."""
 
     def __init__(self, network_time: NetworkTime = REAL_TIME) -> None:
-        """Count the time of the network."""
         self._time = network_time
 
     def request(self, _node: str, _kind: str, _request: Any) -> AbstractContextManager[None]:

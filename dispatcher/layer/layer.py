@@ -139,7 +139,6 @@ class PhysicalLayer:
             self.record(block.node, "recall", block, detail=detail)
 
     def held(self, block: Block) -> HeldBlock:
-        """Return where a block is and what is left of it."""
         return HeldBlock(
             block=block_id(block.name),
             port=block.port,

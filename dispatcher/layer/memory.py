@@ -35,8 +35,6 @@ from wire.parameters.physics import BellAnalyser
 
 
 class Memories:
-    """The memories of all hosts."""
-
     def __init__(
         self,
         devices: Devices,
@@ -100,7 +98,6 @@ class Memories:
         return sum(qubits for block, qubits in stored if block.heard_ns <= known_ns)
 
     def holds(self, block: Block) -> bool:
-        """Return whether a block is in its node's memory."""
         return block in self._stored.get(block.node, {})
 
     def forget(self, block: Block) -> None:

@@ -51,7 +51,6 @@ class Network:
         return bool(self._strands)
 
     def line(self, end: FiberEnd) -> Line | None:
-        """Return the fibre that begins at a port, None if there is none."""
         return self._lines.get(end)
 
     def between(self, one: str, other: str) -> list[Line]:

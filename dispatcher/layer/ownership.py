@@ -32,7 +32,6 @@ class UsedNumbers:
     """The block numbers of a session."""
 
     def __init__(self) -> None:
-        """Begin with none."""
         self._begins: list[int] = []
         self._ends: list[int] = []  # of ranges; the last number and one more
         self._repeated: dict[int, int] = {}
@@ -69,7 +68,6 @@ class UsedNames:
     """The numbers of all sessions."""
 
     def __init__(self) -> None:
-        """Begin with none."""
         self._sessions: dict[int, UsedNumbers] = {}
 
     def use(self, session: int, number: int) -> str:
@@ -217,7 +215,6 @@ class Ownership:
                 self.add(block)
 
     def add(self, block: Block) -> None:
-        """Enter a new block where it says it is."""
         self._by_name.setdefault(block.name, []).append(block)
         self._by_session.setdefault((block.node, block.name.session), {})[block] = None
         self.count += 1
@@ -226,7 +223,6 @@ class Ownership:
         self.makers.add(block.maker, block.name, block.register.size)
 
     def remove(self, block: Block) -> None:
-        """Forget a block."""
         self.makers.end(block.maker, block.name, block.node)
         parts = self._by_name[block.name]
         parts.remove(block)
@@ -237,7 +233,6 @@ class Ownership:
         self.places -= block.register.size
 
     def move(self, block: Block, node: str, port: str = "") -> None:
-        """Bring a block to a port of a node, or to the node itself."""
         self._leave(block)
         block.node, block.port = node, port
         self._by_session.setdefault((node, block.name.session), {})[block] = None
@@ -256,7 +251,6 @@ class Ownership:
         )
 
     def parts(self, name: BlockName) -> list[Block]:
-        """Return all live parts of a block, wherever they are."""
         self._hear()
         return list(self._by_name.get(name, ()))
 
@@ -266,7 +260,6 @@ class Ownership:
         return len(parts) > 1 and any(not p.node and p.maker == block.maker for p in parts)
 
     def at(self, name: BlockName, node: str, port: str = "") -> Block | None:
-        """Return the block of this name at a port of the node, or at the node itself."""
         self._hear()
         for block in self._by_name.get(name, ()):
             if (block.node, block.port) == (node, port):

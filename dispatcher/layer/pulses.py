@@ -80,7 +80,6 @@ def part_noise(pulses: Pulses, extras: NDArray[np.uint8] | None) -> Pulses:
 
 
 def unite(pulses: Pulses, other: Pulses, members: Mask) -> None:
-    """Take in the pulses of another part, whose light is in these members."""
     pulses.approximations |= other.approximations
     if other.extras is not None:
         extras = np.uint8(0) if pulses.extras is None else pulses.extras

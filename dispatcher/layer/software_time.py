@@ -46,7 +46,6 @@ class Activity:
         self._first_ns: int | None = None
 
     def note(self, begin_ns: int, end_ns: int) -> None:
-        """Note that something goes on from then to then."""
         if self._first_ns is None or begin_ns < self._first_ns:
             self._first_ns = begin_ns
         # Those that it touches become one with it.
@@ -134,7 +133,6 @@ class SoftwareTime:
         return self.farthest_news_ns(node) if from_there is None else from_there
 
     def waited(self, node: str, begin_ns: int, end_ns: int, decays: bool) -> None:
-        """Take in that qubits waited at a node, in a memory that decays or does not."""
         if end_ns <= begin_ns:
             return
         software_ns = self._software(node, begin_ns, end_ns)

@@ -82,7 +82,6 @@ def _calibrate(layer: PhysicalLayer, lines: Iterable[Line]) -> None:
 
 
 def _illuminate(layer: PhysicalLayer, lines: Iterable[Line], power_mw: float) -> None:
-    """Let the classical light have this power from now on."""
     now_ns = layer.clock.now_ns()
     for line in lines:
         where = f"fiber at {line.near.port} of {line.near.node}"

@@ -68,7 +68,6 @@ class PlannedGate(NamedTuple):
 
     @property
     def detail(self) -> str:
-        """Return what the event log says."""
         if self.name not in ROTATIONS:
             return self.name
         one_each = isinstance(self.angle_rad, np.ndarray)
@@ -91,10 +90,7 @@ class PlannedGate(NamedTuple):
 
 
 class Operations:
-    """Create, apply, store and discard."""
-
     def __init__(self, layer: PhysicalLayer) -> None:
-        """Act on this layer."""
         self._layer = layer
         self.pairs_created = 0
 
@@ -282,7 +278,6 @@ class Operations:
 
 
 def _apply_gate(layer: PhysicalLayer, block: Block, gate: PlannedGate) -> int:
-    """Apply a gate with its noise; return the number of errors."""
     for affected in (block, gate.target):
         if affected is not None:
             drift.twirl_turn(affected, layer.sabot, layer.draws)

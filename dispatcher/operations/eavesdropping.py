@@ -46,8 +46,6 @@ SEVERAL = 2
 
 
 class Splitting:
-    """Split."""
-
     def __init__(self, layer: PhysicalLayer) -> None:
         self._layer = layer
 
@@ -132,10 +130,7 @@ ALONE = 255
 
 
 class Resending:
-    """Resend."""
-
     def __init__(self, layer: PhysicalLayer) -> None:
-        """Act on this layer."""
         self._layer = layer
 
     def resend(self, node: str, request: ResendRequest) -> Feedback:
@@ -234,7 +229,6 @@ def _bases(bases: bytes, size: int) -> Bytes:
 
 
 def _each(chosen: Mask, outcomes: Bytes, position: int) -> str:
-    """Return what was found of one photon."""
     return outcome(outcomes, ("0", "1"), position) if chosen[position] else "left alone"
 
 

@@ -91,7 +91,6 @@ class Flight:
     """Takes one block from a port to all the ports where its light comes out."""
 
     def __init__(self, block: Block, departure: Departure, layer: PhysicalLayer) -> None:
-        """Prepare the flight of a block that has left."""
         self._block, self._departure, self._layer = block, departure, layer
         self._queue: list[tuple[int, int, Line, Beam]] = []
         self._number = count()
@@ -200,7 +199,6 @@ class Flight:
         channels.act(operators, beam.members)
 
     def _cross(self, beam: Beam, switch: OpticalSwitch, in_port: int) -> None:
-        """Send a beam on through the switch that it has come to."""
         block = beam.block
         photons = block.register.present
         if beam.fibers_passed >= MAX_FIBERS:
@@ -238,7 +236,6 @@ class Flight:
             self._enter(FiberEnd(switch.name, str(out_port)), onward)
 
     def _part(self, block: Block, passed: Passed, noise: Noise) -> Block:
-        """Take the light that leaves by a port out of a block."""
         layer, size = self._layer, _size_of_extra_pairs(block)
         part = replace(
             block,
@@ -270,7 +267,6 @@ class Flight:
         heapq.heappush(self._queue, (time_ns, next(self._number), line, beam))
 
     def _pass(self, beam: Beam, line: Line) -> None:
-        """Let a fibre do to the light of a beam what its noise models say."""
         block = beam.block
         schedule = self._departure.after(beam.delay_ps)
         width_rad_per_s = angular_width(block.pulses.bandwidth_nm)

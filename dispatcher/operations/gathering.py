@@ -40,8 +40,6 @@ class Picked(NamedTuple):
 
 
 class Gathering:
-    """Gather."""
-
     def __init__(self, layer: PhysicalLayer) -> None:
         self._layer = layer
 
@@ -175,7 +173,6 @@ def _mask(positions: NDArray[np.uint32], size: int) -> Mask:
 
 
 def _description(picked: Sequence[Picked]) -> str:
-    """Return what the event log says."""
     parts = [
         f"{positions.size} of {block.register.size} of {_short(block)}"
         for block, positions in picked[:MOST_NAMED]

@@ -43,12 +43,10 @@ class Link:
 
     @property
     def emitters(self) -> tuple[Emitter, Emitter]:
-        """Return what emits at either host."""
         return self.devices[0].emitter, self.devices[1].emitter
 
     @property
     def scheme(self) -> str:
-        """Return how they are heralded."""
         return self.emitters[0].scheme
 
     @property
@@ -73,7 +71,6 @@ class Link:
 
     @property
     def overlap(self) -> Overlap:
-        """Return how well light of both overlaps at the station."""
         first, second = (
             Spectrum(device.source.bandwidth_nm, path.dispersion_ps_per_nm, path.frequency_mhz)
             for device, path in zip(self.devices, self.paths, strict=True)
@@ -108,7 +105,6 @@ class Link:
 
     @property
     def arms(self) -> tuple[Arm, Arm]:
-        """Return both hosts as the station sees them."""
         first, second = (
             Arm(
                 emitter.efficiency * path.transmission * self.seen,

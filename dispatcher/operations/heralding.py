@@ -44,8 +44,6 @@ Paths = tuple[StationWay, StationWay]
 
 
 class Heralding:
-    """Attempt and Herald."""
-
     def __init__(self, layer: PhysicalLayer, failed: Callable[[BaseException], None]) -> None:
         """Act on this layer; call `failed` with what ends the telling of hosts unexpectedly."""
         self._layer, self._failed = layer, failed
@@ -78,7 +76,6 @@ class Heralding:
         return Feedback(time_ns=layer.clock.now_ns())
 
     def forget(self, node: str, session: int) -> None:
-        """Attempt no more for a session at a node."""
         for name, host in list(self._offers):
             if name.session == session and host == node:
                 del self._offers[name, host]

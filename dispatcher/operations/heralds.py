@@ -68,7 +68,6 @@ class Heralded:
         return cls(np.zeros(0, np.int64), nothing, nothing, (nothing, nothing))
 
     def joined(self, more: "Heralded") -> "Heralded":
-        """Return these and later ones."""
         first, second = (
             np.concatenate(both) for both in zip(self.paulis, more.paulis, strict=True)
         )
@@ -82,12 +81,9 @@ class Heralded:
 
 
 class Drawing:
-    """Draws the heralds of one block."""
-
     def __init__(
         self, layer: PhysicalLayer, node: str, link: Link, names: Sequence[BlockName]
     ) -> None:
-        """Draw for the two halves of a block of pairs that a link makes by a station."""
         self._layer, self._node, self._link, self._names = layer, node, link, names
         self._batches = self._empty = 0
         self.dropped = 0  # pairs, by the cut-off of a memory

@@ -91,7 +91,6 @@ def _by_gates_themselves(layer: PhysicalLayer, first: Block, second: Block) -> i
 
 
 def _custom_noise(layer: PhysicalLayer, block: Block, qubits: int, members: Mask) -> None:
-    """Let a model of the user add noise to each qubit of a gate."""
     model = layer.devices.noise(block.node, "gates")
     if model is None:
         return

@@ -100,7 +100,6 @@ class Interference:
     def __init__(
         self, layer: PhysicalLayer, blocks: tuple[Block, Block], random: PhotonRandom
     ) -> None:
-        """Let these blocks meet, with random numbers of their own."""
         self._layer, self._blocks, self._random = layer, blocks, random
         self._incidents: dict[str, int] = {}
         # Pulses of which photons go otherwise than they are taken to.
@@ -168,7 +167,6 @@ class Interference:
         return Left(*(np.concatenate(each) for each in zip(*left, strict=True)))
 
     def _photons(self, block: Block) -> Photons:
-        """Take all photons of a block into a register, by their pulses."""
         drift.twirl(block, self._layer.sabot, self._layer.draws)
         present = np.flatnonzero(block.register.present)
         picks, pulses = [Pick(block.register, present.astype(np.uint32))], present

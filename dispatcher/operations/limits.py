@@ -181,7 +181,6 @@ def require_rate(rate_hz: int, longest: int) -> None:
 
 
 def require_source_rate(block: Block, rate_hz: int) -> None:
-    """Refuse to emit pairs faster than their source can."""
     if rate_hz > block.source_rate_hz:
         raise invalid(
             f"rate_hz {rate_hz} is more than the source of {block.name} can emit, max_rate_hz "
@@ -215,7 +214,6 @@ def cross_connects(connections: Iterable[Connection]) -> dict[int, int]:
 
 
 def require_direction(direction: int) -> None:
-    """Refuse a direction of light that there is not."""
     if direction not in TunePortRequest.Direction.values():
         raise invalid(f"direction {direction} is not known; choose 0 (both), 1 or 2")
 
@@ -248,7 +246,6 @@ def require_tuning(
 
 
 def require_temperature(temperature_c: float) -> None:
-    """Refuse a temperature that no switch survives."""
     least, most = TEMPERATURE_C
     if not least <= temperature_c <= most:
         raise invalid(f"temperature_c {temperature_c:g} is not between {least:g} and {most:g}")

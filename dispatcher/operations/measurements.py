@@ -33,10 +33,7 @@ DIGITS_PS = 3  # to which ways are compared: sums of delays in another order dif
 
 
 class Measurements:
-    """Measure and Bell-measure."""
-
     def __init__(self, layer: PhysicalLayer) -> None:
-        """Act on this layer."""
         self._layer = layer
 
     def measure(self, node: str, request: MeasureRequest) -> Feedback:
@@ -135,7 +132,6 @@ class Measurements:
     def _analyse(
         self, node: str, blocks: tuple[Block, Block], matched: Overlap, apart_ps: float
     ) -> Analysis:
-        """Measure pairs of photons of two blocks, which are used up."""
         layer, (first, second) = self._layer, blocks
         present = first.register.present, second.register.present
         states = layer.sabot.bell_measure(
@@ -165,7 +161,6 @@ class Measurements:
         return meeting.analyse(self._analyser(node), (one, other), matched, apart_ps)
 
     def _random(self, node: str, block: Block) -> PhotonRandom:
-        """Return what an analyser draws for the pairs of a block."""
         place = block.draws_for(f"analyser of {node}")
         return PhotonRandom(self._layer.draws, block.name, place, block.register.size)
 
@@ -256,14 +251,12 @@ class Measurements:
 
 
 def _matched(device: BellAnalyser, one: Pulses, other: Pulses, photons: int) -> Overlap:
-    """Return how alike the photons of two blocks are to an analyser."""
     spectra = overlap(one.spectrum, other.spectrum, device.bandwidth_rad_per_s)
     aligned = alignment(one.polarization, other.polarization, photons)
     return spectra._replace(most=spectra.most * aligned)
 
 
 def _tell_bits(feedback: Feedback, outcomes: Bytes, packed: bool) -> None:
-    """Write bits, and where there was no click, into feedback."""
     if packed:
         feedback.bits = np.packbits(outcomes & np.uint8(1)).tobytes()
         feedback.missed = _packed_mask(outcomes == NO_CLICK)
@@ -272,7 +265,6 @@ def _tell_bits(feedback: Feedback, outcomes: Bytes, packed: bool) -> None:
 
 
 def _tell_bell_states(feedback: Feedback, outcomes: Bytes, packed: bool) -> None:
-    """Write Bell states, and where there was no coincidence, into feedback."""
     missed = outcomes == NO_CLICK
     feedback.coincidences = missed.size - int(np.count_nonzero(missed))
     if packed:
@@ -288,7 +280,6 @@ def _packed_mask(mask: Mask) -> bytes:
 
 
 def outcome(outcomes: Bytes, names: tuple[str, ...], position: int) -> str:
-    """Return what was found of one photon or pair."""
     outcome = int(outcomes[position])
     return "no click" if outcome == NO_CLICK else names[outcome]
 

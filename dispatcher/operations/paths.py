@@ -19,8 +19,6 @@ def nanoseconds(delay_ps: float) -> int:
 
 
 class Crossing(NamedTuple):
-    """A switch on the way."""
-
     switch: OpticalSwitch
     in_port: int
     out_port: int

@@ -28,8 +28,6 @@ Handler = Callable[[str, Any], Any]  # called with node and request
 
 
 class Row(NamedTuple):
-    """One kind of request."""
-
     message: type[Message]
     handler: Handler
 
@@ -40,8 +38,6 @@ class Row(NamedTuple):
 
 
 class RequestTable:
-    """All kinds of requests, by name, to one physical layer."""
-
     def __init__(self, layer: PhysicalLayer, failed: Callable[[BaseException], None]) -> None:
         """Call `failed` with an error of what goes on after a request, such as a flight."""
         self.layer = layer

@@ -22,7 +22,6 @@ from wire.dispatcher_pb2 import Feedback, LookReply, LookRequest, SenseRequest, 
 
 
 def sense(layer: PhysicalLayer, node: str, request: SenseRequest) -> Feedback:
-    """Let every photon of a block take the phase of the node's sensor."""
     block = layer.ownership.require(block_name(request.block), node)
     phase_rad = layer.devices.of(node).sensor.phase_rad
     layer.sabot.require_capacity(block.register, [GateStep("RZ", angle_rad=phase_rad)])

@@ -64,7 +64,6 @@ class StationWay:
 
     @property
     def rotation(self) -> int:
-        """Return the Pauli that switches on the way apply."""
         whole = 0
         for switch, in_port, out_port, _delay_ps, _transmission in self.crossings:
             whole ^= switch.rotation(in_port, out_port)
@@ -116,8 +115,6 @@ def _noise_photons(steps: Sequence[Step]) -> float:
 
 
 class Follower:
-    """Follows the light of heralded attempts of one host."""
-
     def __init__(
         self, layer: PhysicalLayer, path: StationWay, source: PairSource, phase_only: bool
     ) -> None:

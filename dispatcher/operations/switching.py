@@ -58,7 +58,6 @@ def condition(switch: OpticalSwitch) -> SwitchCondition:
 def statistics(
     switch: OpticalSwitch, rx_power_dbm: Mapping[int, float], now_ns: int
 ) -> SwitchStatisticsReply:
-    """Return what a switch has counted of the light that has passed it, port by port."""
     reply = SwitchStatisticsReply(temperature_c=switch.temperature_c)
     for number, port in switch.ports.items():
         reply.ports.add(
@@ -90,8 +89,6 @@ DIRECTIONS = {
 
 
 class Switching:
-    """All quantum switches of a network."""
-
     def __init__(self, layer: PhysicalLayer) -> None:
         self._layer = layer
         self._switches = layer.network.switches
@@ -237,7 +234,6 @@ def _require_port(switch: OpticalSwitch, port: int) -> None:
 
 
 def _require_not_stuck(switch: OpticalSwitch, requested: dict[int, int]) -> None:
-    """Refuse connections that something stuck is in the way of."""
     for in_port, out_port in requested.items():
         for stuck_in, stuck_out in _in_the_way(switch.stuck, in_port, out_port):
             raise precondition(

@@ -22,8 +22,6 @@ from wire.outcomes import ERRORS
 
 
 class Transport:
-    """Moves blocks between nodes."""
-
     def __init__(self, layer: PhysicalLayer, failed: Callable[[BaseException], None]) -> None:
         """Move blocks of this layer; call `failed` with what ends a flight unexpectedly."""
         self._layer = layer
@@ -137,7 +135,6 @@ class Transport:
             self._failed(error)
 
     async def _fly(self, block: Block, end: FiberEnd, flight: Flight) -> None:
-        """Bring a block to all the ports that its light comes to."""
         layer = self._layer
         left, landed = True, False
         while left and (arrival := await flight.next_arrival(layer.clock)):
@@ -155,7 +152,6 @@ class Transport:
             layer.record(end.node, "dark", block, end.port, "no light came out")
 
     def _land(self, block: Block, arrival: Arrival) -> None:
-        """Put what has arrived at the port, and tell those who wait for it."""
         layer = self._layer
         block.fibers_passed = arrival.fibers_passed
         if block.pulses.turn is not None:
@@ -211,7 +207,6 @@ class Transport:
         layer.ownership.remove(block)
 
     def _wake(self, name: BlockName) -> None:
-        """Let those look again who wait for a block of this name."""
         for waiter in self._waiting.get(name, ()):
             if not waiter.done():
                 waiter.set_result(None)

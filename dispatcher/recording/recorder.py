@@ -52,7 +52,6 @@ class Recorder(Journal):
     """Writes requests and the order of their doings."""
 
     def __init__(self, file: BinaryIO, config: DispatcherConfig) -> None:
-        """Begin the record of a dispatcher."""
         super().__init__(config.time)
         self._file, self._numbers = file, count(1)
         self._free_bytes = config.file_bytes
@@ -82,13 +81,11 @@ class Recorder(Journal):
             self._file.flush()
 
     async def resumed(self) -> None:
-        """Record that a wait is over."""
         running = current_request.get()
         if running is not None:
             self.wait_over(running, running.task())
 
     def wait_over(self, running: RunningRequest, task: int) -> None:
-        """Record that a wait of a task is over."""
         self._write(Entry(resumed=Resumed(request=running.number, task=task)))
 
     def clock_read(self, time_ns: int) -> None:
@@ -106,8 +103,6 @@ class Recorder(Journal):
 
 
 class RecordedClock:
-    """A clock whose times go into the record."""
-
     def __init__(self, inner: Clock, recorder: Recorder) -> None:
         self._inner, self._recorder = inner, recorder
 
@@ -117,7 +112,6 @@ class RecordedClock:
         return time_ns
 
     async def wait_until(self, time_ns: int) -> None:
-        """Return once the time has passed."""
         running = current_request.get()
         task = running.task() if running is not None else 0
         await self._inner.wait_until(time_ns)

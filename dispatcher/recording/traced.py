@@ -37,7 +37,6 @@ class TracedSabot:
     """Does what the inner one does; `dispatcher.sabot.manager.Sabot` says what that is."""
 
     def __init__(self, inner: Simulation, writer: QasmWriter) -> None:
-        """Pass on to the inner simulation; write to the writer."""
         self._inner, self._writer = inner, writer
         # Which qubit of which chunk each photon is that is written, by its position.
         self._traced: dict[Register, dict[int, tuple[Chunk, int]]] = {}
@@ -64,7 +63,6 @@ class TracedSabot:
         self._inner.require_capacity(register, steps)
 
     def zeros(self, count: int) -> Register:
-        """Return a register of qubits in |0>."""
         register = self._inner.zeros(count)
         self._begin([register])
         return register
@@ -123,7 +121,6 @@ class TracedSabot:
         return outcomes
 
     def reset(self, register: Register, mask: Mask, draws: PhotonDraws) -> None:
-        """Put qubits into |0>."""
         self._inner.reset(register, mask, draws)
         for position, qubit in self._present(register):
             if mask[position]:

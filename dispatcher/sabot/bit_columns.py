@@ -42,7 +42,6 @@ class BitColumns(NamedGates):
         return cls._of(_integers(x), _integers(z), _integers(signs)[0])
 
     def as_tableau(self) -> Tableau:
-        """Return the same state as a tableau for blocks."""
         rows = 2 * self.qubits
         x, z, signs = (_bits(columns, rows) for columns in (self._x, self._z, [self._signs]))
         return Tableau.from_rows(x, z, signs)
@@ -79,7 +78,6 @@ class BitColumns(NamedGates):
         self._z[qubit] = x ^ z
 
     def cx(self, control: int, target: int) -> None:
-        """Apply the controlled NOT."""
         x, z = self._x, self._z
         control_x, target_z = x[control], z[target]
         if both := control_x & target_z:

@@ -47,7 +47,6 @@ class Dense:
     NAME: ClassVar[str] = "dense"
 
     def __init__(self, qubits: int, members: int = 1) -> None:
-        """Begin with every qubit of every member in |0>."""
         self._qubits = qubits
         self._amplitudes: Amplitudes = np.zeros((members, 1 << qubits), dtype=np.complex128)
         self._amplitudes[:, 0] = 1

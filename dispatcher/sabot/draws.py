@@ -76,8 +76,6 @@ class PhotonDraws:
 
 
 class Draws:
-    """The random numbers of a run, all from its seed."""
-
     def __init__(self, seed: int) -> None:
         self._seed = seed
 

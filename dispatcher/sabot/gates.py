@@ -54,8 +54,6 @@ def as_rotation(name: GateName, angle_rad: Angle = 0.0) -> tuple[RotationName, A
 
 
 class NamedGates(ABC):
-    """A state that has a method for each gate."""
-
     def gate(self, name: CliffordName, *qubits: int) -> None:
         """Apply the gate of that name to every member; raise ValueError for other counts."""
         match name, qubits:

@@ -97,7 +97,6 @@ class Component:
 
     @property
     def nbytes(self) -> int:
-        """Return the memory that it takes, in bytes."""
         arrays = {
             id(at): at.nbytes
             for share in self.shares

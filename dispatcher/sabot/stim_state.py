@@ -25,7 +25,6 @@ class StimState:
     NAME: ClassVar[str] = "stim"
 
     def __init__(self, qubits: int, members: int = 1) -> None:
-        """Begin with every qubit of every member in |0>."""
         # The frames undo the simulator's draws: outcomes come from the caller.
         self._simulator = stim.TableauSimulator(seed=0)
         self._simulator.set_num_qubits(qubits)
@@ -60,7 +59,6 @@ class StimState:
         return Generators(x, z, (flips + plain[:, None]) & np.uint8(1))
 
     def gate(self, name: CliffordName, *qubits: int) -> None:
-        """Apply the gate of that name to every member."""
         x, z = self._x, self._z
         match name, qubits:
             case "H", (qubit,):

@@ -27,7 +27,6 @@ class Tableau(NamedGates):
     NAME: ClassVar[str] = "chp"
 
     def __init__(self, qubits: int, members: int = 1) -> None:
-        """Begin with every qubit of every member in |0>."""
         none, each = np.zeros((qubits, qubits), dtype=bool), np.eye(qubits, dtype=bool)
         self._x: Bits = np.concatenate((each, none))
         self._z: Bits = np.concatenate((none, each))
@@ -93,7 +92,6 @@ class Tableau(NamedGates):
         z ^= x
 
     def cx(self, control: int, target: int) -> None:
-        """Apply the controlled NOT."""
         x, z = self._x, self._z
         self._flip(x[:, control] & z[:, target] & ~(x[:, target] ^ z[:, control]))
         x[:, target] ^= x[:, control]

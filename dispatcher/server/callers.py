@@ -18,8 +18,6 @@ MAX_OF_ONE = 64  # from one address, so that nobody crowds out another
 
 
 class Callers:
-    """The nodes that have a token, and their rights."""
-
     def __init__(self, tokens: dict[str, str], switches: Collection[str]) -> None:
         """Know each node's token; nodes that are switches have a switch's rights."""
         empty = [node for node, token in tokens.items() if not token]
@@ -76,7 +74,6 @@ class Callers:
             raise denied(f"{node} is not a host; only hosts act on qubits")
 
     def require_runner(self, node: str, act: str) -> None:
-        """Refuse all but the runner."""
         if node != RUNNER:
             raise denied(f"{node} may not {act}; only {RUNNER} may")
 
@@ -87,19 +84,16 @@ class Callers:
         return requested if node == RUNNER else node
 
     def require_agent(self, node: str, switch: str, act: str) -> None:
-        """Refuse all but the switch's own agent."""
         self.require_known(switch)
         if node != switch:
             raise denied(f"{node} may not {act} {switch}; only its own agent may")
 
     def require_reader(self, node: str, switch: str) -> None:
-        """Refuse all but the switch's own agent and the runner."""
         self.require_known(switch)
         if node not in (switch, RUNNER):
             raise denied(f"{node} may not read {switch}; only its own agent and {RUNNER} may")
 
     def require_known(self, switch: str) -> None:
-        """Refuse the name of a switch that there is not."""
         if switch not in self._switches:
             names = ", ".join(sorted(self._switches)) or "none"
             raise not_found(f"no quantum switch {switch}; there is {names}")

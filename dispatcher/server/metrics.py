@@ -14,8 +14,6 @@ from programs.metrics import SECONDS
 
 
 class MeasuredService(Service):
-    """A service that also measures how long its calls take."""
-
     def __init__(
         self, layer: PhysicalLayer, callers: Callers, failed: Failed, looking: bool = False
     ) -> None:
@@ -31,7 +29,6 @@ class MeasuredService(Service):
         )
 
     async def change(self, node: str, kind: str, request: Any) -> Any:
-        """Do what a caller may ask for; return the answer."""
         with self._seconds.labels(kind).time():
             return await super().change(node, kind, request)
 
@@ -43,7 +40,6 @@ class CurrentMetrics(Collector):
         self._service = service
 
     def collect(self) -> Iterator[Metric]:
-        """Yield every metric as it is now."""
         status = self._service.status()
         yield CounterMetricFamily(
             "qmn_pairs_created", "Bell pairs that sources have made.", value=status.pairs_created

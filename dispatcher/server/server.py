@@ -149,7 +149,6 @@ class Server:
             self._listener = bind(self._paths[1])
 
     async def start(self) -> None:
-        """Serve from now on."""
         await self._cross_connects.start(self._listener)
         await self._grpc.start()
         self._sharing = asyncio.create_task(keep_shares(self._port))
@@ -169,7 +168,6 @@ class Server:
 
 
 def build_server(config: DispatcherConfig, service: Service) -> Server:
-    """Return a server for the service, bound to the configured sockets."""
     return Server(config, service)
 
 

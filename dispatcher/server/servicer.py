@@ -181,8 +181,6 @@ def call(
 
 
 class Service(DispatcherServicer):
-    """Serves the nodes, the switches' agents and the runner."""
-
     def __init__(
         self, layer: PhysicalLayer, callers: Callers, failed: Failed, looking: bool = False
     ) -> None:

@@ -110,11 +110,9 @@ class Timeline:
         return {in_port: interval.circuit.number for in_port, interval in self._open()}
 
     def circuit_of(self, in_port: int) -> Circuit | None:
-        """Return the circuit of the connection that is open at an input, None if none is."""
         return next((interval.circuit for port, interval in self._open() if port == in_port), None)
 
     def circuits(self, now_ns: int) -> list[Circuit]:
-        """Return the circuits that are open or were not long ago."""
         recent = [c for c in self._circuits.values() if c.closed_ns >= now_ns - REMEMBERED_NS]
         return sorted(recent, key=lambda circuit: circuit.number)
 
@@ -207,7 +205,6 @@ class Steps:
     """A number that is changed from time to time."""
 
     def __init__(self, value: float) -> None:
-        """Have had this value always."""
         self._values = [value]
         self._since_ns = [0]
 

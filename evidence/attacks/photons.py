@@ -30,8 +30,6 @@ PULSES_PER_BIT = 10  # of which a weak laser's are sifted by then, and more
 
 
 class Spied(NamedTuple):
-    """A sifted key."""
-
     bits: int
     known: int  # to eve
     wrong: int

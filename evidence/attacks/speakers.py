@@ -99,7 +99,6 @@ def deletion() -> bytes:
 
 
 def main() -> None:
-    """Do one of them, and print how many."""
     what, host, port, count = sys.argv[1:]
     address = host, int(port)
     if what == "switch":

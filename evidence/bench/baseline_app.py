@@ -34,8 +34,6 @@ SHIFTS = (1, 3)  # of the ports, in turns
 
 
 class Baseline(App):
-    """Measures when its switch has connected."""
-
     OFP_VERSIONS = (ofproto.OFP_VERSION,)
 
     def __init__(self, what: str, count: int, ports: int, period_s: float, **contexts: Any) -> None:

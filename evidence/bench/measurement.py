@@ -24,7 +24,6 @@ class Times:
 
     @property
     def per_s(self) -> float:
-        """How many there were in a second."""
         return len(self.each_ms) / self.seconds
 
     def __str__(self) -> str:

@@ -51,8 +51,6 @@ SAMPLERS: dict[str, Callable[[], Mapping[str, str]]] = {
 
 @dataclass(frozen=True)
 class Measured:
-    """The figures of one run."""
-
     pairs_per_s: float
     packets_missed: int = 0  # by its captures, which then had less to do
 

@@ -120,7 +120,6 @@ def requests(count: int, receiver: str, source: str, openings: Openings) -> floa
 
 
 def main() -> None:
-    """Ask, and print the time."""
     parser = argparse.ArgumentParser(
         prog="python -m evidence.bench.path_requests", description=__doc__
     )

@@ -34,7 +34,6 @@ class Speed:
 
 
 def sabot_speed() -> Iterator[tuple[str, str]]:
-    """Yield name and text of each benchmark."""
     for qubits, count in CIRCUITS.items():
         circuits = [steps(np.random.default_rng(SEED + number), qubits) for number in range(count)]
         ours, theirs = Speed(), Speed()

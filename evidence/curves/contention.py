@@ -177,7 +177,6 @@ def waited(values: Values) -> float | None:
 
 
 def wait(values: Values) -> float | None:
-    """Return the theory of wait."""
     if values[RULE.name] == "refuse":
         return 0.0
     load, channels = number(values, LOAD.name), int(values[CHANNELS.name])

@@ -61,7 +61,6 @@ def key(gain: Estimate, qber: Estimate, several: float) -> Estimate:
 
 
 def source_of(values: Values) -> PairSource:
-    """Return the source."""
     return SOURCES[str(values[SOURCE.name])]
 
 

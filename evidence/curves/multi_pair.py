@@ -51,7 +51,6 @@ async def compare(values: Values, seed: int) -> Outcome:
 
 
 def source_of(values: Values) -> PairSource:
-    """Return the source of pairs."""
     return PairSource(str(values[STATISTICS.name]), number(values, MEAN.name))
 
 

@@ -42,7 +42,6 @@ class Exchange:
         self.ones = 0
 
     def add(self, block: Block) -> None:
-        """Count a block."""
         levels, same, clicked = len(self.sent), block.sifted, block.bits != NO_CLICK
         wrong = (block.bits ^ block.states)[same] & np.uint8(1)
         self.sent += np.bincount(block.levels, minlength=levels)

@@ -102,7 +102,6 @@ def call(arguments: argparse.Namespace) -> int:
 
 
 def run(folder: Path, pairs: int, signals: Signals) -> None:
-    """Print one line for each benchmark."""
     show("whole run, 1 KiB, native", f"{whole_run(folder):.1f} s")
     with Network(SdcTopo, Runtime(log_folder=folder / "network"), signals) as network:
         network.capture("s1")

@@ -106,7 +106,6 @@ class Help(argparse.Action):
         super().__init__(option_strings, dest, nargs=0, default=argparse.SUPPRESS, **given)
 
     def __call__(self, parser: Any, namespace: Any, *_words: object) -> None:
-        """Show it, and end."""
         named = str(getattr(namespace, "what", None))
         light, emulated = EXPERIMENTS.get(named), EMULATED.get(named)
         for action in parser._actions:

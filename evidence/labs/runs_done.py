@@ -36,7 +36,6 @@ class RunsDone:
         return [run for run in self._lab.runs if run not in self._known]
 
     def get(self, run: str) -> Run | None:
-        """Return a run that is in it, None if it is not."""
         folder = self._known.get(run)
         return None if folder is None else left_in(folder)
 

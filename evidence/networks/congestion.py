@@ -109,7 +109,6 @@ def as_dephasing_averages(waits_s: Sequence[float], t2_s: float) -> float:
 
 
 def queued(values: Values) -> float | None:
-    """Return the theory of queued: M/D/1."""
     share = number(values, SHARE.name)
     if not share:
         return None  # there are no datagrams

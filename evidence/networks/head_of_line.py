@@ -42,7 +42,6 @@ class OneFiber(FabricTopo):
     """Hosts on both sides of one fibre."""
 
     def build(self, **settings: Any) -> None:
-        """Lay copper and fibre."""
         self.set_up(**settings)
         self.add_dispatcher("10.0.0.250")
         one, other = self.add_quantum_switches(2)
@@ -55,7 +54,6 @@ class OneFiber(FabricTopo):
 
 
 def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome:
-    """Have sessions ask for the fibre, and wait for it."""
     sides = [[f"{side}{place}" for place in range(1, HOSTS + 1)] for side in "ab"]
     wanted = Wanted(Service.DISTRIBUTE, {"count": PAIRS, "sample": 0.0}, own_source=True)
     scale = number(values, TIME_SCALE.name)
@@ -102,7 +100,6 @@ def lights(record: Iterable[dict[str, Any]], scale: float = 1.0) -> dict[str, Li
 
 
 def outcome(found: dict[str, Light], short: Sequence[str]) -> Outcome:
-    """Return what was measured."""
     in_order = sorted(found, key=lambda name: found[name][0])
     waits = {name: ready - came for name, (came, ready, _ended) in found.items()}
     held = [ended - ready for _came, ready, ended in found.values()]
@@ -123,7 +120,6 @@ def mean_wait_s(per_s: float, held_s: Sequence[float]) -> float:
 
 
 def expected(values: Values) -> float:
-    """Return the theory of wait."""
     return number(values, EXPECTED.name)
 
 

@@ -63,7 +63,6 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
 
 
 def request(values: Values, seed: int, message: Path, runs: Path) -> SuperdenseRequest:
-    """Return what a point asks for."""
     named: dict[str, Any] = {each.name: values[each.name] for each in OPTIONS}
     return superdense_request(
         file=message,

@@ -62,7 +62,6 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
 
 
 def request(values: Values, seed: int, runs: Path) -> ServiceRequest:
-    """Return what a point asks for."""
     states, state = int(values[STATES.name]), str(values[STATE.name])
     receiver = str(values[RECEIVER.name])
     times = {time.name.removeprefix("memory_"): values[time.name] for time in (T1, T2)}

@@ -31,7 +31,6 @@ def complete(facts: RunResult, folder: Path) -> None:
 
 
 def summary(load: Load) -> LoadFigures:
-    """Return the first numbers to read."""
     blocked, broken = sum(load.blocked.values()), sum(load.broken.values())
     return LoadFigures(
         sessions=load.offered,
@@ -52,7 +51,6 @@ def summary(load: Load) -> LoadFigures:
 
 
 def show(console: Console, facts: RunResult, folder: Path, report: str) -> None:
-    """Print the table."""
     assert isinstance(facts.job, LoadJob)
     load = facts.job.load
     assert load is not None  # the network has started

@@ -43,8 +43,6 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Wanted:
-    """The request of every session."""
-
     service: Service
     options: Mapping[str, Any]  # of the service's session
     data: bytes = b""  # to send, of a service that carries bytes
@@ -55,8 +53,6 @@ class Wanted:
 
 
 class SessionRun:
-    """A session that is under way."""
-
     def __init__(
         self, outcome: Outcome, wanted: Wanted, stacks: Mapping[str, str], port: int
     ) -> None:
@@ -100,7 +96,6 @@ class SessionRun:
     def _session(
         self, service: Service, hosts: Sequence[str]
     ) -> AbstractAsyncContextManager[Session]:
-        """Return a session that the first of the hosts requests."""
         wanted, outcome = self._wanted, self._outcome
         options = {**wanted.options, "priority": outcome.planned.priority}
         if outcome.planned.deadline_s is not None:

@@ -53,7 +53,6 @@ def send(
 
 
 def sent_figures(used: Mapping[str, Any], elapsed_s: float) -> SentFigures:
-    """Return the figures of a session that has used so much in so long."""
     received = used["received_symbols"]
     return SentFigures(
         elapsed_s=elapsed_s,

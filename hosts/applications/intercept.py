@@ -25,8 +25,6 @@ SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 @dataclass(frozen=True)
 class Attack:
-    """An attack on light."""
-
     fraction: float  # of the photons
     attack: str  # resend or split
     expected_db: float  # of split: loss from here to a click, as both ends expect it
@@ -40,7 +38,6 @@ class Attack:
 
 
 def intercept(attack: Attack) -> None:
-    """Intercept until a signal."""
     with ServiceSocket(attack.stack) as intercepting:
         blocks = intercepting.intercept(attack.fraction, **attack.options)
 
@@ -58,7 +55,6 @@ def intercept(attack: Attack) -> None:
 
 
 def main() -> int:
-    """Read the arguments, intercept, and turn faults into one line and an exit status."""
     parser = argparse.ArgumentParser(
         prog="python -m hosts.applications.intercept", description=__doc__
     )

@@ -25,7 +25,6 @@ def go_to_background() -> None:
 
 
 def main() -> int:
-    """Read the arguments, receive, and turn faults into one line and an exit status."""
     parser = argparse.ArgumentParser(
         prog="python -m hosts.applications.receive", description=__doc__
     )

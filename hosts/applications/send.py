@@ -15,7 +15,6 @@ OPTIONS = ("handshake", "frame_bytes", "block_pairs", "rate_hz", "fec", "interle
 
 
 def main() -> int:
-    """Read the arguments, send, and turn faults into one line and an exit status."""
     parser = argparse.ArgumentParser(prog="python -m hosts.applications.send", description=__doc__)
     parser.add_argument("--stack", help="socket of this host's stack (QMN_STACK)")
     parser.add_argument("--file", type=argparse.FileType("rb"), default=sys.stdin.buffer)

@@ -20,8 +20,6 @@ from wire.network_time import REAL_TIME, NetworkTime, SteppedTime
 
 @dataclass(frozen=True)
 class Part:
-    """The part that this host takes in a service."""
-
     service: str
     port: int
     stack: str | None = None  # its socket; None: as the environment says
@@ -98,7 +96,6 @@ def options_of(text: str) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Read the arguments, take part, and turn faults into one line and an exit status."""
     parser = argparse.ArgumentParser(
         prog="python -m hosts.applications.service", description=__doc__
     )

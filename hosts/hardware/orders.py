@@ -76,8 +76,6 @@ class Standing:
 
 
 class Orders:
-    """Sends orders and hands each outcome to its waiter."""
-
     def __init__(
         self, stub: DispatcherStub, token: str, network_time: NetworkTime = REAL_TIME
     ) -> None:
@@ -199,7 +197,6 @@ class Orders:
         self._outgoing.put_nowait(order)
 
     def open(self) -> None:
-        """Begin the stream, if there is none."""
         if not self._open:
             self._outgoing = asyncio.Queue()
             self._stream = asyncio.create_task(self._run(self._outgoing))
@@ -251,7 +248,6 @@ async def proved(stub: DispatcherStub, token: str, method: str) -> tuple[tuple[s
 
 
 def problem_of(error: grpc.aio.AioRpcError) -> str:
-    """Return why the dispatcher has not done something."""
     if error.code() == grpc.StatusCode.DEADLINE_EXCEEDED:
         return f"no answer in {DISPATCHER_TIMEOUT_S:g} s"
     return f"{error.code().name}: {error.details()}"

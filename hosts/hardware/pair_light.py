@@ -28,8 +28,6 @@ from wire.optical import frequency_mhz
 
 
 class PairLight(Primitives):
-    """Operations on pairs."""
-
     async def emit_pairs(
         self,
         session: int,

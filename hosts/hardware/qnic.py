@@ -57,8 +57,6 @@ class Directions:
 
 
 class Qnic(PairLight):
-    """Operations on the photons of a host."""
-
     async def prepare(
         self, session: int, number: int, states: Symbols, levels: Symbols | None = None
     ) -> BlockName:

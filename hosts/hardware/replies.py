@@ -47,8 +47,6 @@ class Outcomes:
 
 @dataclass(frozen=True)
 class Stored:
-    """The photons that a memory has taken."""
-
     arrived: NDArray[np.bool_]  # shape (k,): whether each photon is in it
     since_ns: int  # the mean time from which they wait there
 

@@ -25,8 +25,6 @@ TIMES = 16  # blocks that one order measures, and outcomes that it buffers, at m
 
 
 class SimulatedQnic(Qnic):
-    """A QNIC whose photons live in the dispatcher."""
-
     def __init__(self, dispatcher: str, token: str, ports: list[str]) -> None:
         self._dispatcher, self._token, self.ports = dispatcher, token, ports
         self._channel: grpc.aio.Channel | None = None
@@ -126,7 +124,6 @@ class SimulatedQnic(Qnic):
                 stream.cancel()
 
     async def discard(self, session: int) -> None:
-        """Forget the orders of a session, too."""
         if session in self._begun:
             self._orders.forget_chain(self._begun.pop(session))
         if session in self._standing:

@@ -36,12 +36,10 @@ IN_Z = bytes([MeasureRequest.Z])
 
 
 def block_id(block: BlockName) -> BlockId:
-    """Return a block's name as messages have it."""
     return BlockId(session=block.session, number=block.number, half=block.half)
 
 
 def halves(session: int, number: int) -> tuple[BlockName, BlockName]:
-    """Return the names of both halves of a block of pairs."""
     return BlockName(session, number, 0), BlockName(session, number, 1)
 
 
@@ -70,14 +68,12 @@ def emission(
 
 
 def send(light: dict[BlockName, str], rate_hz: int, wavelength_pm: int) -> Step:
-    """Return the step that sends blocks, each into a port."""
     launches = [Launch(block=block_id(block), port=port) for block, port in light.items()]
     frequency = frequency_mhz(wavelength_pm)
     return Step(send=SendRequest(launches=launches, rate_hz=rate_hz, frequency_mhz=frequency))
 
 
 def receive(block: BlockName, port: str, timeout_s: float) -> Step:
-    """Return the step that waits for a block at a port."""
     return Step(receive=ReceiveRequest(block=block_id(block), port=port, timeout_s=timeout_s))
 
 
@@ -111,13 +107,11 @@ def apply(block: BlockName, paulis: Symbols | None = None, *gates: Gate) -> Step
 
 
 def gather(into: BlockName, picks: Iterable[Pick], keep_rest: bool) -> Step:
-    """Return the step that makes a block of photons of others."""
     request = GatherRequest(into=block_id(into), picks=picks, keep_rest=keep_rest)
     return Step(gather=request)
 
 
 def pick(block: BlockName, photons: NDArray[np.integer]) -> Pick:
-    """Return photons of a block by their positions."""
     return Pick(block=block_id(block), photons=photons.tolist())
 
 
@@ -127,7 +121,6 @@ def store(block: BlockName, cutoff_s: float | None) -> Step:
 
 
 def discard(block: BlockName) -> Step:
-    """Return the step that discards a block."""
     return Step(discard=DiscardRequest(block=block_id(block)))
 
 

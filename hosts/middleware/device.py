@@ -57,8 +57,6 @@ T = TypeVar("T", bound=Counted)
 
 @dataclass
 class Device:
-    """The device of one host."""
-
     read_ports: Callable[[], tuple[DevicePort, ...]]
     settings: DeviceSettings = field(default_factory=DeviceSettings)
     subscription: Subscribe = field(default_factory=lambda: Subscribe(0, 0, 0, 0))

@@ -61,7 +61,6 @@ class ApplicationsPort:
             self._expected.pop(port, None)
 
     def incoming(self, port: int, peer: str, service: str) -> Attending:
-        """Queue a connection from a host for the application on a port."""
         if port in self._expected and service in self._expected[port][0]:
             return self._expected.pop(port)[1]
         listening = self._listening.get(port)
@@ -85,7 +84,6 @@ class ApplicationsPort:
         return connection
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Serve one application's socket."""
         try:
             call, payload = await read_call(reader)
             handlers = {

@@ -42,8 +42,6 @@ class Sessions:
 
 
 class ProcessingUnit(Protocol):
-    """A processing unit of a host."""
-
     port: int  # TCP, for the units of other hosts
 
     async def serve_unit(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

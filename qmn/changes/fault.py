@@ -22,8 +22,6 @@ class Stuck:
 
 @dataclass(frozen=True)
 class Temperature:
-    """A temperature that the switch has from now on."""
-
     temperature_c: float
 
 

@@ -54,7 +54,6 @@ def _percent(part: int, whole: int) -> str:
 
 
 def rate(sender: str, receiver: str, used: Exchange) -> str:
-    """Return how fast it went."""
     wrong = used.symbol_error_rate
     return (
         f"{sender} to {receiver}: {used.elapsed_s:.2f} s, {used.bell_pairs:,} pairs, "
@@ -89,7 +88,6 @@ def _hop_row(hop: Hop) -> list[str]:
 
 
 def state(state: HostState) -> list[Table]:
-    """Return a host's device and its blocks."""
     rows = [
         [held.session, f"{held.number}/{held.half}", f"{held.photons:,}", held.place or "at hand"]
         for held in state.blocks

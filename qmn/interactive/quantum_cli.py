@@ -13,8 +13,6 @@ MOST_SECONDS = 3_600.0
 
 
 class QuantumCLI(NetworkCLI):
-    """Mininet's command line with quantum verbs."""
-
     def do_qsend(self, line: str) -> None:
         """Send a text over light.
         Usage: qsend alice bob hello

@@ -44,7 +44,6 @@ class Length(NamedTuple):
 
 
 def run(request: ServiceRequest, signals: Signals, console: Console) -> int:
-    """Do the whole run and return its exit status."""
     return 0 if runner.run(*begun(request, signals, console)).delivered else 1
 
 
@@ -75,7 +74,6 @@ def with_policy(
 
 
 def job(request: ServiceRequest, network: NetworkDescription) -> runner.Job:
-    """Return the use of a service."""
     service, options, verb = request.service, request.options, verb_of(request.service)
     length = length_of(options, verb)
     return runner.Job(
@@ -198,7 +196,6 @@ def with_beam_splitter(
 
 
 def check_source(options: ServiceOptions, hosts: Sequence[str]) -> None:
-    """Raise BadInput for a source that is not a host."""
     if options.source and options.source not in hosts:
         raise BadInput(f"--source {options.source}: {remedy(options.source, hosts)}")
 

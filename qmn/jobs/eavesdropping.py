@@ -30,8 +30,6 @@ RELAYED = "mdi"  # the service whose light both ends send to a relay
 
 @dataclass(frozen=True)
 class Attack:
-    """An attack by eve."""
-
     fraction: float  # of the photons
     kind: str = RESEND
     expected_db: float = 0.0  # of splitting: from her to a click, as both ends expect it

@@ -21,7 +21,6 @@ class Obstacle:
         self._stranded: str | None = None  # number of the session that has no light
 
     def hear(self, fact: Mapping[str, Any]) -> None:
-        """Take the next fact of the controller's record."""
         event = fact["event"]
         why, _, elements = str(fact.get("detail", "")).partition(": ")
         if event == "stranded":

@@ -9,7 +9,6 @@ POLICY = "policy.toml"  # in the run's folder
 
 
 def write_policy(folder: Path, more: str = "") -> Path:
-    """Write the default, and more; return the file."""
     policy = folder / POLICY
     policy.write_text(DEFAULT.read_text() + more)
     return policy

@@ -172,7 +172,6 @@ def _running(
 
 
 def _note_light(facts: RunResult, network: Network, scale: Scale) -> None:
-    """Add what the dispatcher tells of the light of a run."""
     reached = status(network)
     facts.exact = reached.exact
     facts.approximations = [Approximated(each.name, each.most) for each in reached.approximations]

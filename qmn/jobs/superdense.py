@@ -43,14 +43,12 @@ TELL_ESTIMATE_ABOVE_S = 10
 
 
 def run(request: SuperdenseRequest, signals: Signals, console: Console) -> int:
-    """Do the whole run and return its exit status."""
     return 0 if runner.run(*begun(request, signals, console)).delivered else 1
 
 
 def begun(
     request: SuperdenseRequest, signals: Signals, console: Console
 ) -> tuple[runner.Job, RunContext]:
-    """Return the job and its context, with a folder; raise before there is one."""
     network = describe_network(request.network)
     options = replace(request.options, host=network.node(request.receiver))
     request = replace(request, sender=network.node(request.sender), options=options)
@@ -75,7 +73,6 @@ def message_file(request: SuperdenseRequest, folder: Path) -> Path:
 
 
 def job(request: SuperdenseRequest, file: Path) -> runner.Job:
-    """Return the sending of a file."""
     size = file.stat().st_size
     options, pairs = request.options, pairs_of(request.options, size)
     return runner.Job(

@@ -15,8 +15,6 @@ from wire.results.run_result import MachineFacts
 
 @dataclass(frozen=True, kw_only=True)
 class MachineOptions:
-    """Options of every verb that starts a network over several machines."""
-
     GROUP: ClassVar[str] = "several machines"
     machines: int = option(
         1,

@@ -132,7 +132,6 @@ def round_trip_s(topo: Topo, options: NetworkOptions) -> float:
 
 
 def part_options(options: NetworkOptions) -> PartOptions:
-    """Return the settings of single parts."""
     return PartOptions(
         options.fiber,
         options.switch,

@@ -49,8 +49,6 @@ class ShapeOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class LightOptions:
-    """Settings of fibres, switches and devices."""
-
     GROUP: ClassVar[str] = "light and noise"
     preset: str = option("ideal", "of fibres and devices (ideal)", choices=tuple(PRESETS))
     length_km: float | None = option(None, f"length {EVERY} (0.01)", metavar="KM")

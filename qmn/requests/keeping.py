@@ -42,8 +42,6 @@ def recorded_name(option: "Field[Any]") -> str | None:
 
 
 class RecordReader(OptionReader):
-    """Reads what a result has kept."""
-
     def name_of(self, option: "Field[Any]") -> str | None:
         return recorded_name(option)
 

@@ -79,7 +79,6 @@ class RunOptions(LiveOptions, MachineOptions):
 
     @property
     def report(self) -> bool:
-        """Return whether a report is drawn at the end."""
         return self._has(REPORT)
 
     def _has(self, file: str) -> bool:

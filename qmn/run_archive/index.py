@@ -34,8 +34,6 @@ ALWAYS = ("sender", "receiver", "opener", "acceptor")  # who, not how
 
 @dataclass(frozen=True)
 class Run:
-    """A folder of a run, as its result tells."""
-
     name: str
     result_ns: int  # when the result was written; 0: there is none
     began: str  # BEGAN
@@ -75,7 +73,6 @@ def runs_in(folder: Path) -> list[Run]:
 
 
 def read_run(path: Path) -> Run:
-    """Return what the folder of a run tells of it."""
     began = time.strftime(BEGAN, stamp_of(path.name))
     size = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
     try:

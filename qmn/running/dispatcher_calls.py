@@ -43,7 +43,6 @@ def status(network: Network) -> StatusReply:
 
 
 def held_blocks(network: Network, node: str) -> list[HeldBlock]:
-    """Return the blocks that a node holds."""
     with _asking(network) as (stub, options):
         reply: StatusReply = stub.Status(StatusRequest(blocks_at=node), **options)
     return list(reply.blocks)

@@ -29,8 +29,6 @@ STARTING = "the network is still starting; try again when it has started"
 
 @dataclass(frozen=True)
 class RunningNetwork:
-    """A network as other programs know it."""
-
     folder: str  # of its files
     since_ns: int  # on the clock of the captures
     time_scale: float

@@ -89,7 +89,6 @@ def hosts_table(hosts: list[dict[str, Any]]) -> Table:
 
 
 def host_row(host: dict[str, Any]) -> list[str]:
-    """Return the line of one host."""
     if "ports" not in host:
         return [host["name"], host["state"], features_of(host)]
     fibers = " ".join(f"{port['name']}{'' if port['up'] else ' (cut)'}" for port in host["ports"])

@@ -36,7 +36,6 @@ INTERRUPTED = 130  # status of a script that Ctrl-C has ended, as of a shell
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser(
         "cli",
         usage="qmn cli TOPOLOGY [options]",
@@ -79,8 +78,6 @@ def call(arguments: argparse.Namespace) -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class CliOptions(LiveOptions):
-    """Options beside those of the network."""
-
     runs: Path = option(Path("runs"), "where logs go (runs)", metavar="DIR")
     captures: str = option(
         "none",

@@ -42,7 +42,6 @@ class BadRequest(Exception):
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser(
         "runs",
         description=__doc__,
@@ -101,7 +100,6 @@ def call(arguments: argparse.Namespace) -> int:
 
 
 def show(arguments: argparse.Namespace) -> None:
-    """List the runs."""
     runs = all_runs(arguments.runs)
     if arguments.json:
         import json
@@ -145,7 +143,6 @@ def parameter_text(parameters: dict[str, Any]) -> str:
 
 
 def megabytes(count: int) -> str:
-    """Return bytes as MB."""
     return f"{count / 1e6:,.1f}"
 
 

@@ -28,8 +28,6 @@ from wire.parameters.checks import remedy
 
 @dataclass(frozen=True)
 class SpyOptions:
-    """The events to show, and how."""
-
     run: Path | None = None  # a folder, or a file of events; None: what happens now
     node: tuple[str, ...] = ()  # none: all
     session: tuple[int, ...] = ()
@@ -45,7 +43,6 @@ class BadFilter(Exception):
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("spy", description=__doc__)
     add_run(parser, "default: what happens now; on a host, there")
     add = parser.add_argument
@@ -156,8 +153,6 @@ def find_record(run: Path) -> Path:
 
 
 class Spy:
-    """Prints what is wanted, and counts."""
-
     def __init__(self, options: SpyOptions) -> None:
         self._nodes, self._sessions = frozenset(options.node), frozenset(options.session)
         self._kinds = frozenset(options.kind)

@@ -42,7 +42,6 @@ def _address(url: str) -> tuple[str, int]:
 
 
 def _matrix_ports(config: AgentConfig) -> dict[int, MatrixPort]:
-    """Return the instrument's numbers for each fibre port."""
     ports: dict[int, MatrixPort] = {}
     used: set[int] = set()
     for port in config.fiber_ports:

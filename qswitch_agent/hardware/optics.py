@@ -24,8 +24,6 @@ class CrossConnect(NamedTuple):
 
 @dataclass(frozen=True)
 class Path:
-    """The effects of the switch on light."""
-
     loss_db: float = 0.0
     rotation: int = 0  # wire.outcomes.Pauli
 

@@ -196,7 +196,6 @@ class ScpiSwitch:
                 await self._link.command(f":oxc:swit:conn:{verb} {scpi_link.pairs(connections)}")
 
     async def _ours(self) -> dict[int, int]:
-        """Return the connections that a port of ours takes part in."""
         connections = scpi_link.read_connections(await self._link.query(":oxc:swit:conn:stat?"))
         return {
             ingress: egress

@@ -45,7 +45,6 @@ def pairs(connections: Mapping[int, int]) -> str:
 
 
 def read_connections(text: str) -> dict[int, int]:
-    """Return the connections, ingress to egress."""
     match = CONNECTIONS.fullmatch(text)
     if match is None:
         raise GarbledReply("connections", text)

@@ -94,12 +94,9 @@ Reply = TypeVar("Reply")
 
 
 class SimulatedSwitch:
-    """The switch that the dispatcher simulates."""
-
     def __init__(
         self, switch: str, socket: str, token: str, network_time: NetworkTime = REAL_TIME
     ) -> None:
-        """Name the switch, the dispatcher's unix socket and the switch's token."""
         self._time = network_time
         self._switch = switch
         self._socket = socket
@@ -170,7 +167,6 @@ class SimulatedSwitch:
         await self._wait_until(reply.ready_ns)
 
     async def read(self) -> Readings:
-        """Return what the dispatcher has counted."""
         request = messages.SwitchStatisticsRequest(switch=self._switch)
         reply = await self._answer(
             self._statistics(request, timeout=CALL_DEADLINE_S, metadata=self._metadata)
@@ -201,7 +197,6 @@ class SimulatedSwitch:
         )
 
     async def close(self) -> None:
-        """Close the connections."""
         self._cross_connects.close()
         await self._channel.close(None)
 

@@ -68,7 +68,6 @@ class FlowTable:
         return [self._entries[key] for key in self._marked]
 
     def find(self, priority: int, match: bytes) -> FlowEntry | None:
-        """Return the entry of this priority and match, None if there is none."""
         return self._entries.get((priority, match))
 
     def set_fiber(self, port: int, whole: bool) -> bool:

@@ -56,7 +56,6 @@ def description(condition: Condition, port: int) -> PortOptics:
 
 
 def tuning_of(condition: Condition, port: int) -> Tuning | None:
-    """Return how far a port can be tuned, None if not at all."""
     channel, tuning = condition.channels.get(port), condition.tuning
     if channel is None or tuning is None:
         return tuning

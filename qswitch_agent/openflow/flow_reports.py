@@ -169,8 +169,6 @@ def flow_statistics(message: bytes) -> list[FlowStatistics]:
 
 @dataclass(frozen=True)
 class FlowRemoved:
-    """A FLOW_REMOVED."""
-
     fixed: tuple[int, ...]  # as in GONE
     match: bytes
 

@@ -22,15 +22,12 @@ PACKETS_ALONE = ofp.OFPC_GROUP_STATS | ofp.OFPC_QUEUE_STATS | ofp.OFPC_IP_REASM
 
 
 class Identity(NamedTuple):
-    """The description of one switch."""
-
     name: str = ""
     fibers: int = 0
 
 
 @strict
 def described(message: bytes, identity: Identity) -> bytes:
-    """Return a reply to OFPMP_DESC that describes the quantum switch."""
     _maker, _hardware, software, serial, _name = DESCRIPTION.unpack_from(message, messages.BODY)
     bridge = software.partition(b"\0")[0].decode("ascii", "replace")
     texts = (

@@ -50,7 +50,6 @@ class Mark:
 
     @classmethod
     def decode(cls, action: bytes) -> Self | None:
-        """Return the mark that an action is, None if it is another action."""
         if len(action) != NOTE_SIZE or not action.startswith(NOTE_HEAD):
             return None
         idle_timeout_s, circuit = MARK.unpack_from(action, NOTE.size)

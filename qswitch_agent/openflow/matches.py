@@ -93,7 +93,6 @@ def of_port(number: int) -> bytes:
 
 
 def in_port(fields: Fields) -> int | None:
-    """Return the port that a match asks for, None if any will do."""
     return int.from_bytes(fields[IN_PORT][0], "big") if IN_PORT in fields else None
 
 

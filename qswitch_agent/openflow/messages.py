@@ -100,7 +100,6 @@ def message_type(message: bytes) -> int:
 
 
 def transaction_id(message: bytes) -> int:
-    """Return the transaction id (xid) of a message."""
     return int.from_bytes(message[4:8], "big")
 
 
@@ -109,7 +108,6 @@ def encode(kind: int, xid: int, body: bytes = b"") -> bytes:
 
 
 def with_body(message: bytes, body: bytes) -> bytes:
-    """Return a message like this one, but for its body."""
     return encode(message_type(message), transaction_id(message), body)
 
 
@@ -135,7 +133,6 @@ def hello() -> bytes:
 
 
 def error(kind: int, code: int, request: bytes) -> bytes:
-    """Return the error that answers a request."""
     return encode(
         ofp.OFPT_ERROR, transaction_id(request), ERROR.pack(kind, code) + request[:ERROR_DATA]
     )
@@ -143,7 +140,6 @@ def error(kind: int, code: int, request: bytes) -> bytes:
 
 @strict
 def error_code(message: bytes) -> tuple[int, int]:
-    """Return type and code of an ERROR message."""
     kind, code = ERROR.unpack_from(message, HEADER.size)
     return kind, code
 
@@ -225,7 +221,6 @@ def reply(kind: int, xid: int, parts: Iterable[bytes], more: bool = False) -> by
 
 
 def rebuilt(message: bytes, parts: Iterable[bytes]) -> bytes:
-    """Return a reply like this one, but with these parts."""
     kind, xid = multipart_type(message), transaction_id(message)
     return reply(kind, xid, parts, more_follows(message))
 

@@ -21,8 +21,6 @@ ETHERTYPE = slice(12, 14)
 
 @dataclass(frozen=True)
 class PacketOut:
-    """A PACKET_OUT."""
-
     in_port: int
     actions: list[tuple[int, bytes]]
     frame: bytes

@@ -71,7 +71,6 @@ def described_ports(message: bytes) -> list[Port]:
 
 @strict
 def status_reason(message: bytes) -> int:
-    """Return the reason of a PORT_STATUS (OFPPR_)."""
     return message[HEADER.size]
 
 

@@ -59,7 +59,6 @@ bundle_failed = partial(Refusal, ofp.OFPET_BUNDLE_FAILED, ofp.OFPBFC_MSG_FAILED)
 
 
 def of_malformed(error: MalformedPacket) -> Refusal:
-    """Return the error that answers a malformed message."""
     if isinstance(error, MalformedPart):
         return Refusal(error.kind, error.code, str(error))
     return bad_length(str(error))

@@ -19,8 +19,6 @@ Tunings = list[tuple[int, Tuned]]  # by port
 
 @dataclass
 class Member:
-    """One message in a bundle."""
-
     message: bytes  # the message itself, as the controller sent it
     envelope: bytes  # the BUNDLE_ADD_MESSAGE around it
     mod: FlowMod | None = None  # as sent to the bridge
@@ -30,8 +28,6 @@ class Member:
 
 @dataclass
 class Bundle:
-    """The messages of one bundle."""
-
     members: list[Member] = field(default_factory=list)
     tunings: Tunings = field(default_factory=list)
 

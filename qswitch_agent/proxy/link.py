@@ -80,7 +80,6 @@ class Link:
         self._requests.append(request)
 
     def flush(self) -> None:
-        """Write what there is for the bridge."""
         if self._requests:
             self.bridge.write(b"".join(self._requests))
             self._requests.clear()
@@ -91,7 +90,6 @@ class Link:
 
     @property
     def owes_barrier(self) -> bool:
-        """Whether the bridge has yet to answer a barrier."""
         return bool(self._barriers)
 
     def show_soon(self) -> None:
@@ -117,7 +115,6 @@ class Link:
         await self.outgoing.put(Outgoing(message, time.monotonic_ns(), by_agent=True))
 
     def wants_removal(self, reason: int) -> bool:
-        """Tell whether the controller wants to hear of entries removed for a reason."""
         role = messages.SLAVE if self.is_slave else messages.MASTER
         return bool(self.removals[role] >> reason & 1)
 
@@ -175,7 +172,6 @@ class Link:
             self.to_bridge(request)
 
     def barrier(self, request: bytes) -> None:
-        """Send a barrier of the controller's."""
         self._barriers.append(Barrier(self._changes, None))
         self.to_bridge(request)
 
@@ -186,7 +182,6 @@ class Link:
         return self._reported < self.confirmed
 
     def reported(self, confirmed: int) -> None:
-        """Note the number of changes that the flow monitor has reported."""
         self._reported = max(self._reported, confirmed)
         while self._unreported and self._unreported[0].number <= self._reported:
             self._unreported.popleft()

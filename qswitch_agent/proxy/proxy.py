@@ -171,7 +171,6 @@ class Proxy(Server):
         self._controller, self._tls = controller, tls
 
     async def _connect(self, reader: StreamReader, writer: StreamWriter) -> None:
-        """Connect the bridge to the controller until either of them ends it."""
         with contextlib.closing(writer):
             reached = await self._reach_controller(reader)
             if reached is None:
@@ -231,7 +230,6 @@ class Programs(Server):
         self._management = management
 
     async def _connect(self, reader: StreamReader, writer: StreamWriter) -> None:
-        """Connect a program to the bridge until either of them ends it."""
         with contextlib.closing(writer):
             try:
                 bridge = await asyncio.open_unix_connection(self._management)

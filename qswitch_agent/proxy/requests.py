@@ -34,12 +34,9 @@ from wire.optical import encode_path_optics
 
 
 class BundleRequests:
-    """One controller's bundles."""
-
     def __init__(
         self, switch: Switch, link: Link, refuse: Callable[[bytes, Refusal], Awaitable[None]]
     ) -> None:
-        """`refuse` answers a message with an error."""
         self._switch = switch
         self._link = link
         self._refuse = refuse
@@ -97,7 +94,6 @@ class BundleRequests:
         return b""
 
     async def control(self, message: bytes) -> None:
-        """Open, commit or discard a bundle."""
         require_not_slave(self._link, "BUNDLE_CONTROL")
         number, kind, _flags = packets.bundle_control(message)
         # Nothing behind may make the bridge refuse what the agent has taken in.
@@ -175,8 +171,6 @@ log = logging.getLogger(__name__)
 
 
 class Requests:
-    """One controller's requests, in their order."""
-
     def __init__(self, switch: Switch, link: Link) -> None:
         self._switch = switch
         self._link = link
@@ -197,7 +191,6 @@ class Requests:
         }
 
     async def take(self, message: bytes) -> None:
-        """Handle one message of the controller."""
         handler = self._handlers.get(messages.message_type(message), self._pass)
         try:
             await handler(messages.require_version(message))

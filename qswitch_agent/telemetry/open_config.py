@@ -65,8 +65,6 @@ Value = str | int | float
 
 
 class Leaf(NamedTuple):
-    """A value, and where it is."""
-
     path: Path
     value: Value
 

@@ -62,7 +62,6 @@ def path_of(prefix: Any, path: Any) -> Path:
 
 
 def require_encoding(encoding: int) -> None:
-    """Raise Unusable for an encoding that is not spoken."""
     if encoding not in ENCODINGS:
         names = ", ".join(map(gnmi.Encoding.Name, ENCODINGS))
         raise Unusable(f"encoding {encoding}: choose one of {names}")
@@ -125,8 +124,6 @@ class Followed:
 
 
 class Telemetry(gNMIServicer):  # type: ignore[misc]
-    """Answers operators' programs."""
-
     def __init__(self, observe: Observe) -> None:
         self._observe = observe
         self._streams = 0
@@ -213,7 +210,6 @@ class Telemetry(gNMIServicer):  # type: ignore[misc]
     async def _due(
         self, followed: list[Followed], encoding: int, everything: bool = False
     ) -> list[Any]:
-        """Return the notifications that are due."""
         leaves, now_s = await self._observe(), time.monotonic()
         responses = []
         for subscription in followed:
@@ -275,7 +271,6 @@ async def observe(switch: Switch, name: str) -> list[Leaf]:
 
 @asynccontextmanager
 async def serving(config: AgentConfig, switch: Switch) -> AsyncIterator[None]:
-    """Answer at the configured sockets meanwhile."""
     assert config.gnmi_fd is not None
     place = f"unix:{config.gnmi}"
     server = grpc.aio.server(options=[*OPTIONS, *grpc_options()])

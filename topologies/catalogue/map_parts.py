@@ -41,8 +41,6 @@ class Way:
 
 @dataclass(frozen=True)
 class Map:
-    """Places, and ways between them."""
-
     name: str
     places: Sequence[Place]
     ways: Sequence[Way]

@@ -44,7 +44,6 @@ def positions(read: Map) -> dict[str, Position]:
 
 
 def _known(name: str) -> Map:
-    """Return a map of topohub."""
     folder = files("topohub") / "data"
     if re.fullmatch(r"[a-z]+(/[\w-]+)+", name) and (folder / f"{name}.json").is_file():
         key = name

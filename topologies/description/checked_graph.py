@@ -41,8 +41,6 @@ def checked(kind: type[Topo]) -> type[Topo]:
 
 
 class CheckedNodes(dict[str, Info]):
-    """Nodes by name."""
-
     def __missing__(self, name: str) -> Info:
         """Refuse one that is not there, as Topo asks for it when a link is added."""
         raise BadParameter(

@@ -42,8 +42,6 @@ class Node:
 
 
 class Link(NamedTuple):
-    """A link between two ports."""
-
     a: Node
     b: Node
     a_port: int

@@ -16,8 +16,6 @@ from wire.parameters.switch import QuantumSwitch
 
 @dataclass(frozen=True)
 class LaidFiber:
-    """A fibre between two nodes."""
-
     a: str
     b: str
     optics: FiberOptics

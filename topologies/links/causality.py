@@ -15,7 +15,6 @@ class Early(NamedTuple):
     early_s: float  # of the network
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON takes it."""
         return {"from": self.origin, "to": self.receiver, "early_s": self.early_s}
 
 

@@ -75,7 +75,6 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
         return super()._begin_shell()
 
     def config(self, **params: object) -> dict[str, object]:
-        """Configure the interfaces."""
         result: dict[str, object] = super().config(**params)
         if openvswitch.datapath() == "user":
             within(self, finish_checksums, str(self.defaultIntf()))

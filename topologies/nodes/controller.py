@@ -136,7 +136,6 @@ class QuantumController(QuantumNode, ManagedController):
             self._entrance.wait_for("ready", READY_TIMEOUT_S)
 
     def stop(self, *_args: object, **_params: object) -> None:
-        """End the controller."""
         if self._early:
             self._early.stop()
             self._early, self._launched = None, False

@@ -154,7 +154,6 @@ def _openflow() -> dict[str, Any]:
 
 
 def lua(value: Any) -> str:
-    """Return a value of Python as Lua writes it."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"[{lua(key)}] = {lua(item)}" for key, item in value.items()) + "}"
     if isinstance(value, Sequence) and not isinstance(value, str):

@@ -53,8 +53,6 @@ TEXT, BYTES, COUNTED, UNTIL_END, PACKED = "text", "bytes", "counted", "until_end
 
 @dataclass(frozen=True)
 class Field:
-    """A field at a fixed place."""
-
     name: str
     offset: int  # from the end of the header
     size: int

@@ -30,7 +30,6 @@ class Framed(Packet):
     """A message whose header has its length, in bytes 4 to 7."""
 
     def post_build(self, packet: bytes, payload: bytes) -> bytes:
-        """Fill in the length."""
         whole = packet + payload
         if self.length is None:
             whole = whole[:4] + len(whole).to_bytes(4, "big") + whole[8:]

@@ -119,15 +119,11 @@ class Guarded(RequestHandler):
 
 
 class File(Guarded, StaticFileHandler):
-    """A file of the page."""
-
     def set_extra_headers(self, _path: str) -> None:
         self.set_header("Cache-Control", "no-store")
 
 
 class Index(File):
-    """The page."""
-
     def initialize(self, view: View, path: str, default_filename: str) -> None:  # type: ignore[override]
         super().initialize(path, default_filename)
         self.view = view
@@ -145,15 +141,12 @@ class Answer(Guarded):
 
 
 class Network(Answer):
-    """The parts of the network."""
-
     def initialize(self, view: View, number: int) -> None:  # type: ignore[override]
         """Know the view, and the number of the network in its command; 0: it is the only one."""
         super().initialize(view)
         self.number = number
 
     def get(self) -> None:
-        """Answer with it."""
         view = self.view
         self.write(
             {
@@ -232,8 +225,6 @@ class Messages(Answer):
 
 
 class Act(Answer):
-    """Acts that the page requests."""
-
     async def post(self) -> None:
         """Perform it; answer with the command and its output."""
         view = self.view

@@ -55,7 +55,6 @@ def _legend(run: RunFacts, paths: Sequence[LightPath]) -> str:
 
 
 def load_figure(run: RunFacts, job: LoadJob) -> str:
-    """Return the picture of heavy traffic."""
     title = "Sessions over time, and the use of every fibre"
     load = job.load
     if load is None or not load.sessions:
@@ -101,7 +100,6 @@ def waits_figure(job: LoadJob) -> str:
 
 
 def handshake_figure(run: RunFacts) -> str:
-    """Return the sequence diagram."""
     port = run.result.settings.openflow_port
     steps, more = handshake(run.folder, run.network, run.events, port)
     title = "The handshake, in both layers"

@@ -16,7 +16,6 @@ WIDE_INCHES = (9.0, 1.6)  # of each row
 
 @drawing.styled
 def key_timeline(moments: Sequence[Moment]) -> str:
-    """Draw what happened to keys, and to a tunnel if there was one."""
     tunnel = any(each.event.startswith(TUNNEL) for each in moments)
     rows = [_sessions, _tunnel, _file] if tunnel else [_sessions]
     width, height = WIDE_INCHES

@@ -43,7 +43,6 @@ def write_report(folder: Path) -> Path:
 
 
 def page(run: RunFacts) -> str:
-    """Return the whole page."""
     name = escape(run.folder.name)
     return "\n".join(
         [

@@ -35,8 +35,6 @@ class BadRun(Exception):
 
 @dataclass(frozen=True)
 class RunFacts:
-    """A finished run."""
-
     folder: Path
     result: RunResult
     network: NetworkFacts

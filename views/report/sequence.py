@@ -122,7 +122,6 @@ def _metadata_step(flight: Flight) -> Step:
 
 
 def describe(message: Message) -> str:
-    """Return a metadata message in a few words."""
     words: dict[type[Message], Callable[..., str]] = {
         Setup: _describe_setup,
         Answer: lambda m: f"Answer {Reason(m.reason).name}",

@@ -19,8 +19,6 @@ LengthOf = Callable[[bytes], int | None]
 
 
 class Segment(NamedTuple):
-    """A TCP segment with data."""
-
     time_ns: int
     source: str
     source_port: int

@@ -33,8 +33,6 @@ from wire.results.run_result import NetworkFacts
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """The run to show, and how."""
-
     port: int = option(0, "of the page, on the loopback (one that is free)", range=(0, 65535))
     read_only: bool = option(False, "a page to look at: one cannot act")
     browser: bool = option(True, "do not open a browser")

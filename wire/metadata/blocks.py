@@ -80,7 +80,6 @@ class Block(Message):
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "Block":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
         (block, pairs, refills, emitted_ns, count), rest = parted(cls, body)
         if count > MAX_FRAMES:
             raise MalformedPacket(f"Block: {count} frames, at most {MAX_FRAMES}")
@@ -115,7 +114,6 @@ class Report(Message):
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "Report":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
         (block, pairs, lost, errors, corrected, filled, count), rest = parted(cls, body)
         failed, again = rest[: 4 * count], rest[4 * count :]
         if len(failed) != 4 * count or len(again) not in (0, (pairs + 7) // 8):

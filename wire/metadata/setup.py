@@ -69,7 +69,6 @@ class Setup(Message):
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "Setup":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
         raw = super().parse(session, body)
         assert isinstance(raw, Setup)
         for name in ("pairs", "frame_bytes", "rate_hz"):
@@ -91,7 +90,6 @@ class Setup(Message):
 
 
 def _words(padded: object) -> str:
-    """Return the words of a field of fixed size."""
     assert isinstance(padded, bytes)
     text = padded.rstrip(b"\0")
     if not text.isascii() or not text.decode("ascii").isprintable():
@@ -135,7 +133,6 @@ class Answer(Message):
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "Answer":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
         (reason, symbols, encoding, wavelength_pm), text = parted(cls, body)
         if symbols or encoding:
             _check_encoding(encoding)

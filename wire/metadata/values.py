@@ -78,7 +78,6 @@ class Values(Message):
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "Values":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
         (topic, width, block, count), data = parted(cls, body)
         if width not in WIDTHS:
             raise MalformedPacket(f"Values: {width} bits a value, not one of {WIDTHS}")
@@ -105,6 +104,5 @@ class Envelope(Message):
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "Envelope":
-        """Build the message from its body; raise MalformedPacket if it does not fit."""
         (topic,), content = parted(cls, body)
         return cls(session, topic, content)

@@ -72,8 +72,6 @@ PAPER_ENCODING = 0b11_10_01_00  # symbol s is sent as Pauli (encoding >> 2s) & 3
 
 
 class Verdict(IntEnum):
-    """The controller's verdict in a set-up message."""
-
     PENDING = 0
     GRANTED = 1
     REFUSED = 2

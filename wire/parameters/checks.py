@@ -61,7 +61,6 @@ def check_names(
 def check_choice(
     what: str, value: Any, choices: Collection[str], refusal: Refusal = ValueError
 ) -> None:
-    """Refuse a value that is not one of these words."""
     if not isinstance(value, str) or value not in choices:
         word = value if isinstance(value, str) else ""
         raise refusal(f"{what} {value!r}: {remedy(word, choices)}")

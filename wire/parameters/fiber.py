@@ -116,12 +116,10 @@ class FiberOptics:
 
     @property
     def dispersion_ps_per_nm(self) -> float:
-        """Chromatic dispersion from end to end."""
         return self.dispersion_ps_per_nm_km * self.length_km
 
     @property
     def delay_s(self) -> float:
-        """How long light takes from end to end."""
         return self.length_km * 1e3 / SPEED_IN_FIBER_M_PER_S
 
     def check(self, where: str) -> None:

@@ -20,8 +20,6 @@ FOR_EACH = "for each message, as 5ms or exponential(1ms)"
 
 @dataclass(frozen=True, kw_only=True)
 class EventSettings:
-    """A user's options on records of events and packets."""
-
     GROUP: ClassVar[str] = WRITTEN
     history_depth: int = option(
         10_000, "events kept (10000)", metavar="N", range=(0, 10_000_000), recorded=False
@@ -51,8 +49,6 @@ class EventSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class DispatcherSettings(EventSettings):
-    """A user's options of the dispatcher."""
-
     GROUP: ClassVar[str] = SIMULATION
     backend: str = option(
         "chp", "what simulates quantum states (chp)", choices=BACKENDS, recorded=False
@@ -66,8 +62,6 @@ class DispatcherSettings(EventSettings):
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerSettings:
-    """A user's options of the controller."""
-
     GROUP: ClassVar[str] = CONTROL
     loss_budget_db: float = option(
         30.0, "most loss of a light path (30)", metavar="DB", range=(0.0, 1_000.0)

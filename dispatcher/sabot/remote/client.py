@@ -89,12 +89,10 @@ class RemoteSabot:
         return "+".join(sorted(names))
 
     def zeros(self, count: int) -> Register:
-        """Return a register of `count` qubits in |0>."""
         (register,) = self._create(count, messages.CreateRequest.ZEROS)
         return register
 
     def bell_pairs(self, count: int) -> tuple[Register, Register]:
-        """Return the halves of `count` pairs in (|00> + |11>)/sqrt 2."""
         first, second = self._create(count, messages.CreateRequest.BELL_PAIRS)
         return first, second
 

@@ -34,14 +34,12 @@ class Workspace:
         self._next = count(1)
 
     def require(self, number: int) -> Register:
-        """Return the register of this number, or refuse."""
         register = self._registers.get(number)
         if register is None:
             raise not_found(f"no register {number} in this workspace; create it first")
         return register
 
     def require_place(self, more: int) -> None:
-        """Refuse more registers than there may be."""
         if len(self._registers) + more > MAX_REGISTERS:
             raise exhausted(f"{MAX_REGISTERS} registers are live; measure or drop some first")
 
@@ -59,10 +57,7 @@ class Workspace:
 
 
 class Workspaces:
-    """All clients' registers."""
-
     def __init__(self, max_live_qubits: int) -> None:
-        """Limit the number of live qubits."""
         self._max_live_qubits = max_live_qubits
         self._all: dict[int, Workspace] = {}
         self._next = count(1)
@@ -79,14 +74,12 @@ class Workspaces:
         del self._all[number]
 
     def require(self, number: int) -> Workspace:
-        """Return the workspace of this number, or refuse."""
         workspace = self._all.get(number)
         if workspace is None:
             raise not_found(f"no workspace {number}; begin one first")
         return workspace
 
     def require_capacity(self, more: int) -> None:
-        """Refuse more qubits than there may be."""
         live = sum(workspace.sabot.live_qubits for workspace in self._all.values())
         if live + more > self._max_live_qubits:
             raise exhausted(
@@ -124,7 +117,6 @@ def bases(values: bytes, register: Register) -> Bytes:
 
 
 def paulis(values: bytes, register: Register) -> Bytes | None:
-    """Return the Pauli of each qubit, None if none is given."""
     return limits.packed("paulis", values, register.size, 3) if values else None
 
 
@@ -217,7 +209,6 @@ def picks(workspace: Workspace, picked: Sequence[messages.GatherRequest.Pick]) -
 
 
 def require_pair(first: Register, second: Register) -> None:
-    """Refuse registers whose qubits do not pair up."""
     if first is second:
         raise invalid("a register is named twice; name two different ones")
     if first.size != second.size:
@@ -227,7 +218,6 @@ def require_pair(first: Register, second: Register) -> None:
 
 
 def require_parts(register: Register, other: Register) -> None:
-    """Refuse to unite registers that are not parts of one."""
     require_pair(register, other)
     if register.lost is None or ((register.labels() >= 0) & (other.labels() >= 0)).any():
         raise invalid("these registers are not two parts of one; unite what Part has parted")

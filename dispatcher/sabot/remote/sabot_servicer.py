@@ -112,7 +112,6 @@ class SabotService(SabotServicer):
     """Serves workspaces; calls come one at a time."""
 
     def __init__(self, max_live_qubits: int) -> None:
-        """Limit the number of live qubits."""
         self._workspaces = Workspaces(max_live_qubits)
 
     @call
@@ -184,7 +183,6 @@ class SabotService(SabotServicer):
 
     @call
     def Reset(self, request: messages.ResetRequest) -> messages.Done:
-        """Put qubits into |0>."""
         workspace = self._workspaces.require(request.workspace)
         register = workspace.require(request.register)
         mask = requests.mask(request.mask, register)
@@ -193,7 +191,6 @@ class SabotService(SabotServicer):
 
     @call
     def Kraus(self, request: messages.KrausRequest) -> messages.Done:
-        """Let a channel act on qubits."""
         workspace = self._workspaces.require(request.workspace)
         requests.require_vectors(workspace)
         register = workspace.require(request.register)
@@ -246,7 +243,6 @@ class SabotService(SabotServicer):
 
     @call
     def Dump(self, request: messages.DumpRequest) -> messages.DumpReply:
-        """Say what the states are, and which backends hold them."""
         workspace = self._workspaces.require(request.workspace)
         if request.members > MAX_DUMPED_MEMBERS:
             raise invalid(f"members {request.members}; at most {MAX_DUMPED_MEMBERS} are dumped")
@@ -294,7 +290,6 @@ def serving(socket: str, max_live_qubits: int) -> Iterator[None]:
 
 
 def serve(socket: str, max_live_qubits: int) -> None:
-    """Serve until a signal comes."""
     stopped = threading.Event()
     with serving(socket, max_live_qubits):
         for number in (signal.SIGTERM, signal.SIGINT):

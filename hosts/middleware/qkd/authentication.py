@@ -49,7 +49,6 @@ class KeyPool:
 
     @property
     def consumed_bits(self) -> int:
-        """How much key has been used since the pool was made."""
         return 8 * self._used
 
     @property

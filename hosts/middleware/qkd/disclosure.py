@@ -14,8 +14,6 @@ from hosts.middleware.qkd.estimation import sample_mask, sample_size
 
 
 class Rule(Enum):
-    """Disclosed bits."""
-
     SAMPLE = auto()  # of all bits
     BASIS = auto()  # all bits of the basis Z
     BASIS_AND_SAMPLE = auto()  # all bits of the basis X, and a sample of the others
@@ -34,7 +32,6 @@ def size(rule: Rule, bases: Bits, fraction: float) -> int:
 
 
 def mask(rule: Rule, bases: Bits, fraction: float, seed: bytes) -> Mask:
-    """Return which bits are disclosed."""
     if rule is Rule.SAMPLE:
         return sample_mask(seed, bases.size, size(rule, bases, fraction))
     if rule is Rule.BASIS:

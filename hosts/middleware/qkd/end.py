@@ -41,8 +41,6 @@ RandomBytes = Callable[[int], bytes]
 
 
 class State(Enum):
-    """Where a session is."""
-
     OPENING = auto()  # bob waits for the proposal
     SIFTING = auto()
     ESTIMATING = auto()  # alice has disclosed her sample
@@ -107,8 +105,6 @@ class Terms:
 
 
 class End(ABC):
-    """One end of a session of key distribution."""
-
     def __init__(self, terms: Terms) -> None:
         self._session = terms.session
         self._parameters = terms.parameters
@@ -141,7 +137,6 @@ class End(ABC):
 
     @property
     def blocks_sifted(self) -> int:
-        """How many blocks have been sifted."""
         return len(self._parts)
 
     @property
@@ -240,7 +235,6 @@ class End(ABC):
         return sealed
 
     def _keep(self, record: Record, kept: Indices, clicks: int) -> None:
-        """Note the sifted bits of a block."""
         self._parts.append(record.outcomes[kept])
         self._bases.append(record.bases[kept])
         self._clicks += clicks
@@ -270,7 +264,6 @@ class End(ABC):
         return Rule.BASIS_AND_SAMPLE if self._relayed else Rule.BASIS
 
     def _sample_of(self, seed: bytes) -> Mask:
-        """Return which sifted bits are disclosed."""
         bases, fraction = np.concatenate(self._bases), self._parameters.test_fraction
         self._disclosed = disclosure.mask(self._rule, bases, fraction, seed)
         return self._disclosed

@@ -40,7 +40,6 @@ class HeldNumbers:
     """Numbers that were taken; those of a session's keys follow one another, and are one range."""
 
     def __init__(self) -> None:
-        """Begin with none."""
         self._begins: list[int] = []
         self._ends: list[int] = []  # the last number of a range and one more
 
@@ -59,8 +58,6 @@ class HeldNumbers:
 
 
 class Keyring:
-    """The secrets and keys of one host."""
-
     def __init__(self, host: str, secrets: Mapping[str, str], folder: str) -> None:
         """Take the secrets by other host, and the folder of all keys ("": there is none)."""
         self.host = host
@@ -120,7 +117,6 @@ class Keyring:
             raise KeyStoreError(f"keys cannot be kept in {self._folder}: {error}") from error
 
     def withdraw_conference(self, names: Sequence[str], ids: list[UUID]) -> None:
-        """Remove keys that others do not have."""
         store = self._conference(names)
         for key_id in ids:
             store.discard(key_id)
@@ -131,7 +127,6 @@ class Keyring:
         return store_in(Path(self._folder), "+".join(names))
 
     def withdraw(self, other: str, ids: list[UUID]) -> None:
-        """Remove keys that the other end does not have."""
         if ids:
             store = self.store(other)
             for key_id in ids:

@@ -72,7 +72,6 @@ def prefix_parities(bits: Bits) -> Bits:
 
 
 def block_starts(bits: int, size: int) -> Indices:
-    """Return where the blocks of a pass start."""
     return np.arange(0, bits, size, dtype=np.int64)
 
 

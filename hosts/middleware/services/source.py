@@ -122,7 +122,6 @@ def relayed_blocks(session: int, number: int) -> tuple[BlockName, BlockName]:
 
 
 def _emit(side: Side, request: Emit, how: Emitting) -> Steps[None]:
-    """Make a block, and send both its halves."""
     block = side.setup.session, request.block, request.pairs
     light = request.rate_hz, side.setup.wavelength_pm
     first, second = side.ports[:2]

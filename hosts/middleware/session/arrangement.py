@@ -52,7 +52,6 @@ class Arrangement:
 
     @property
     def peer(self) -> str:
-        """Name of the other end."""
         return self._peer[0]
 
     @property
@@ -173,7 +172,6 @@ class Arrangement:
         self._further.discard(channel)
 
     def leave_all(self) -> None:
-        """Close all further connections that are open."""
         while self._further:
             self._further.pop().close()
 
@@ -183,7 +181,6 @@ class Arrangement:
             await self.channel.give_up(error)
 
     def close(self) -> None:
-        """Close the connections."""
         for asking in self._questions:
             asking.cancel()
         self.leave_all()

@@ -73,7 +73,6 @@ class ConnectionEnd(Performer):
         return Side(self.setup, tuple(self.qnic.ports), self.channel.peer)
 
     async def carry_out(self, effect: Effect) -> Any:
-        """Carry out an effect; return its result."""
         match effect:
             case protocol.Say(messages):
                 return self.channel.send(*messages)
@@ -121,7 +120,6 @@ class End(ConnectionEnd):
 
     @property
     def side(self) -> HostSide:
-        """This end as its protocol knows it."""
         resources, ports = self.resources, tuple(self.qnic.ports)
         return HostSide(
             self.setup,
@@ -135,7 +133,6 @@ class End(ConnectionEnd):
         )
 
     async def carry_out(self, effect: Effect) -> Any:
-        """Carry out an effect; return its result."""
         if not isinstance(effect, protocol.Tell):
             return await super().carry_out(effect)
         if effect.at_the_end:
@@ -158,7 +155,6 @@ class OpenerEnd(End):
 
     @property
     def side(self) -> OpenerSide:
-        """This end as its protocol knows it."""
         return OpenerSide(
             **vars(super().side),
             other_host=self.arrangement.peer,
@@ -176,7 +172,6 @@ class AcceptorEnd(End):
     join: Join | None = None  # serves a further connection of the session
 
     async def carry_out(self, effect: Effect) -> Any:
-        """Carry out an effect; return its result."""
         if isinstance(effect, protocol.Deliver):
             return await self.deliver(effect.data)
         return await super().carry_out(effect)

@@ -57,8 +57,6 @@ def _symbol_errors(counts: Mapping[str, int]) -> Interval | None:
 
 
 class Estimates:
-    """Reports of estimates of a host's sessions."""
-
     def __init__(self) -> None:
         self._told: dict[tuple[int, Quantity], Interval] = {}  # of sessions that go on
         self._untold: dict[tuple[int, Quantity], Interval] = {}

@@ -24,7 +24,6 @@ class Mailbox:
     """Keeps messages until those whom they are for ask."""
 
     def __init__(self) -> None:
-        """Begin with none."""
         self._kept: deque[Message] = deque()
         self._announced: set[int] = set()  # blocks, by either end
         self._last: list[Message | None] = []  # behind which nothing comes

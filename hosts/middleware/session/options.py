@@ -18,7 +18,6 @@ MAX_RATE_HZ = 4_000_000_000
 
 
 def unsupported(text: str) -> SessionError:
-    """Return the error of an option that cannot be."""
     return SessionError(Reason.UNSUPPORTED, text)
 
 

@@ -88,5 +88,4 @@ class ServiceOptions(SessionOptions):
 
     @property
     def pairs_at_a_time(self) -> int:
-        """Return how many pairs a block has at most."""
         return min(self.block_pairs, self.count)

@@ -55,7 +55,6 @@ class Swaps:
         self._news = asyncio.Event()
 
     def forget(self, session: int) -> None:
-        """Drop the order of a session that is over."""
         self._orders.pop(session, None)
         self._used.discard(session)
 

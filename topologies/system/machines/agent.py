@@ -208,7 +208,6 @@ class Agent(AgentFiles):
         return None, b""
 
     async def _follow(self, number: int, process: "Followed", terminal: int | None) -> None:
-        """Tell what a program says, and its status."""
         ended = asyncio.create_task(process.wait())
         async for chunk in self._chunks(process, terminal):
             self._writer.write(encode({"process": number}, chunk))

@@ -117,7 +117,6 @@ class Gathering:
         self.found[certified] = Machine(about, address, here, mtu, reader, writer)
 
     def wait(self, check: Callable[[], None]) -> None:
-        """Wait until all have come."""
         deadline = time.monotonic() + AGENT_CONNECT_TIMEOUT_S
         while missing := sorted(self._addresses.keys() - self.found.keys()):
             check()

@@ -37,7 +37,6 @@ def machine_of(end: End) -> Machine | None:
 
 
 def lay_between(ends: list[End], one: Machine | None, other: Machine | None) -> None:
-    """Make a link between two machines."""
     identifier = next(_identifiers)
     others = [machine for machine in (one, other) if machine is not None]
     mtu, by = min(machine.mtu for machine in others), others[0].tunnels

@@ -78,7 +78,6 @@ class ProcessElsewhere:
             self._machine.ask("signal", process=self.number, signal=number)
 
     def kill(self) -> None:
-        """End it at once."""
         self.send_signal(signal.SIGKILL)
 
     def type(self, data: bytes) -> None:
@@ -189,7 +188,6 @@ class Machine:
         return packed
 
     def lacks(self, programs: Sequence[str]) -> list[str]:
-        """Return which of some programs are not installed there."""
         return list(map(str, self.ask("lacks", programs=list(programs))))
 
     def within(self, pid: int, function: str, arguments: Sequence[Any]) -> Any:

@@ -21,8 +21,6 @@ MOST_IDENTIFIER = 1 << 24
 
 @dataclass(frozen=True)
 class TunnelEnd:
-    """One end of a link."""
-
     name: str
     hardware_address: str | None
     identifier: int

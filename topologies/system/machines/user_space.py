@@ -115,7 +115,6 @@ def _lead_to(remote: str) -> None:
 
 
 def _interface_of(address: str) -> str:
-    """Return the interface of this machine with an IPv4 address."""
     for interface in json.loads(run("ip", "-json", "address", timeout_s=COMMAND_TIMEOUT_S)):
         if address in [each.get("local") for each in interface["addr_info"]]:
             return str(interface["ifname"])

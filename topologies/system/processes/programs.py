@@ -188,7 +188,6 @@ class Program:
 
     @property
     def status(self) -> int | None:
-        """The exit status, None while it runs."""
         return self._process.poll() if self._process else None
 
     @property

@@ -193,7 +193,6 @@ class ShellWatcher:
 
     @property
     def no_shell(self) -> str:
-        """The error of a node whose shell has ended, and the remedy."""
         return f"{self.name} died in mid-run: its shell was ended; start the network again"
 
     def monitor(self, timeoutms: int | None = None, findPid: bool = True) -> str:  # noqa: N803

@@ -77,7 +77,6 @@ class EarlyStart:
         self._held.close()
 
     def stop(self) -> None:
-        """End the program."""
         self.program.stop()
         self._held.close()
 

@@ -39,8 +39,6 @@ from wire.results.figures import ConferenceFollowerFigures
 
 @dataclass
 class Follower(line.Follower):
-    """A host that another has asked."""
-
     keys: Keys = field(kw_only=True)
     ids: list[UUID] = field(default_factory=list)
     kept: bool = False  # by the leader, too
@@ -73,7 +71,6 @@ class Follower(line.Follower):
         )
 
     def heard(self, message: Values) -> Steps[None]:
-        """Take part in a block of states, or in making the key of them."""
         if message.topic != Topic.COUNTS:
             yield from super().heard(message)
             return

@@ -24,7 +24,6 @@ class ConferenceOptions(GhzOptions):
     bound: str = bound_option()
 
     def check(self) -> None:
-        """Raise SessionError for a value out of range."""
         super().check()
         for name, most in (("test_fraction", 0.5), ("max_qber", 0.5), ("epsilon", 1)):
             value = getattr(self, name)

@@ -17,7 +17,6 @@ MEANING = {
 def summary(
     key: Leader, length: int, ids: list[UUID], elapsed_s: float, made: int, emitted: int
 ) -> ConferenceFigures:
-    """Return the final results for the leader's application."""
     raw, others = key.raw.size, len(key.terms.names) - 1
     authentication = key.consumed_bits
     return ConferenceFigures(

@@ -18,8 +18,6 @@ NORMAL_95 = 1.959964  # 95 % of a normal distribution is within this number of s
 
 @dataclass
 class Estimate:
-    """Outcomes so far, by basis."""
-
     measured: NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, np.int64))
     right: NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, np.int64))  # as of Phi+
 

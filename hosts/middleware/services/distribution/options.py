@@ -36,11 +36,9 @@ class DistributeOptions(ServiceOptions):
 
     @property
     def fidelity_ppm(self) -> int:
-        """Return the pair fidelity wanted at least; 0 is any."""
         return round(self.fidelity * 1_000_000)
 
     def check(self) -> None:
-        """Raise SessionError for a value out of range."""
         super().check()
         if self.rounds and self.purification == "none":
             text = f"rounds is {self.rounds} and purification none: choose bbpssw or dejmps"

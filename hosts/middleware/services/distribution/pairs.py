@@ -66,7 +66,6 @@ class Pairs:
     """Keeps, purifies, samples and delivers them; both ends take each step together."""
 
     def __init__(self, side: HostSide, half: int, started_s: float) -> None:
-        """Begin with none; half 0 is the opener's, half 1 the acceptor's."""
         self._side, self._half = side, half
         self._used = np.zeros(0, dtype=bool)
         self._started_s = started_s

@@ -37,7 +37,6 @@ async def lead(end: OpenerEnd, options: GhzOptions, kind: Callable[..., Leader])
 
 
 async def follow(end: AcceptorEnd, kind: Callable[..., Follower]) -> None:
-    """Do what another host of the line does."""
     names = await end.perform(introduced())
     if not names:
         end.say(Topic.COUNTS, 0, [end.setup.pairs], 32)
@@ -54,7 +53,6 @@ async def follow(end: AcceptorEnd, kind: Callable[..., Follower]) -> None:
 
 @asynccontextmanager
 async def _opened(end: AcceptorEnd, name: str) -> AsyncIterator[ConnectionEnd]:
-    """Open the session with the next host of the line."""
     address = end.resources.addresses().get(name)
     if address is None:
         raise SessionError(Reason.UNKNOWN_HOST, f"{end.resources.name} knows no host {name}")

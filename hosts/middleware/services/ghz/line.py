@@ -100,8 +100,6 @@ def asked_of_next(asked: Setup) -> Setup:
 
 @dataclass(frozen=True)
 class Right:
-    """The connection to the next host."""
-
     connection: Connection
     side: Side
 
@@ -268,7 +266,6 @@ class Follower(ABC):
         yield from self._block(*coming(message, self.side.setup.pairs))
 
     def qubits(self, number: int) -> BlockName:
-        """Return the block of this host's qubits of states."""
         return self.side.block(number, half=1)
 
     def pairs(self, number: int, size: int, left: bool = True, right: bool = True) -> Steps[Mask]:

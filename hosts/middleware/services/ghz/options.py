@@ -27,7 +27,6 @@ class GhzOptions(ServiceOptions):
         return self.line.split(",")
 
     def check(self) -> None:
-        """Raise SessionError for a value out of range."""
         super().check()
         if not isinstance(self.line, str):
             raise SessionError(Reason.UNSUPPORTED, f"line {self.line!r}: write A,B,C")

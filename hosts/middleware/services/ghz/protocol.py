@@ -24,8 +24,6 @@ from wire.results.figures import GhzFigures, LineFigures
 
 
 class Witness(Protocol):
-    """Results of measurements so far."""
-
     @property
     def states(self) -> int:
         """Return how many states count."""
@@ -66,8 +64,6 @@ class Leader(line.Leader):
 
 
 class Follower(line.Follower):
-    """A host that another has asked."""
-
     def use(self, number: int, states: int) -> Steps[None]:
         """Measure, have those behind measure, and tell what all have found."""
         shape = 1 + self.behind, states

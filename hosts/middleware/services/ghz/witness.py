@@ -33,8 +33,6 @@ def chosen_bases(draws: np.random.Generator, hosts: int, states: int) -> Table:
 
 @dataclass
 class Tally:
-    """Results of measurements so far."""
-
     equal: int = 0  # outcomes in Z at all hosts
     in_z: int = 0  # states
     right: int = 0  # parities of the others

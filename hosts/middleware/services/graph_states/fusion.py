@@ -51,7 +51,6 @@ class Fusion:
         self.halves = self.graph.halves(self.place)
 
     def number(self, state: int, layer: int) -> int:
-        """Return the number of the block of pairs of a layer, of a block of states."""
         return state * len(self.graph.layers) + layer
 
     def block(self, state: int, layer: int, came: bool) -> BlockName:

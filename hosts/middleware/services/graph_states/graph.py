@@ -28,8 +28,6 @@ Edge = tuple[int, int]  # places in the line, the lower first
 
 
 class Half(NamedTuple):
-    """Half of a pair at a host."""
-
     layer: int
     came: bool  # from the left; if not, it was made here
     far: int  # the host with the other end of its edge

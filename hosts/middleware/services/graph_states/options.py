@@ -42,7 +42,6 @@ class GraphOptions(GhzOptions):
             raise SessionError(Reason.UNSUPPORTED, f"graph {self.graph}: {error}") from error
 
     def check(self) -> None:
-        """Raise SessionError for a value out of range."""
         super().check()
         if not isinstance(self.graph, str):
             text = f"graph {self.graph!r}: write {', '.join(SHAPES)}, or edges as A-B,B-C"

@@ -60,7 +60,6 @@ class Leader(protocol.Leader):
         yield from super().run()
 
     def qubits(self, number: int) -> BlockName:
-        """Return the block of this host's qubits of states."""
         return self.fusion.qubits(number)
 
     def bases(self, states: int) -> Table:
@@ -74,7 +73,6 @@ class Leader(protocol.Leader):
         super().count(bases[members], outcomes[members])
 
     def block(self, number: int, size: int) -> Steps[None]:
-        """Make a block of states and use it."""
         fusion, graph = self.fusion, self.fusion.graph
         self.emitted += size
         for layer in range(len(graph.layers)):
@@ -101,8 +99,6 @@ class Leader(protocol.Leader):
 
 @dataclass
 class Follower(protocol.Follower):
-    """A host that another has asked."""
-
     fusion: Fusion | None = None  # known once the graph is
     expected: tuple[int, int, int] | None = None  # behind the first layer: number, layer, size
 
@@ -129,7 +125,6 @@ class Follower(protocol.Follower):
             yield from self.right.tell(self.right.side.say(Topic.EDGES, 0, numbers, 8))
 
     def qubits(self, number: int) -> BlockName:
-        """Return the block of this host's qubits of states."""
         assert self.fusion is not None
         return self.fusion.qubits(number)
 

@@ -55,8 +55,6 @@ def choices(seeds: tuple[int, ...], block: BlockName) -> np.random.Generator:
 
 @dataclass
 class Seen:
-    """Counts so far."""
-
     measured: int = 0  # places that were looked at
     zeros: int = 0
     ones: int = 0

@@ -28,8 +28,6 @@ RESEND, SPLIT = ATTACKS = ("resend", "split")
 
 @dataclass(frozen=True)
 class InterceptionOptions(Options):
-    """Choices of an application."""
-
     # Of the photons; the others are only sent on.
     fraction: float = field(default=1.0, metadata={"range": (0.0, 1)})
     attack: str = field(default=RESEND, metadata={"choices": ATTACKS})
@@ -40,7 +38,6 @@ class InterceptionOptions(Options):
     wavelength_pm: int = field(default=Setup.wavelength_pm, metadata={"range": WAVELENGTHS_PM})
 
     def check(self) -> None:
-        """Raise SessionError for a value out of range."""
         super().check()
         if self.attack == SPLIT and self.fraction != 1:
             raise refused(f"fraction is {self.fraction!r}: {SPLIT} is of every pulse, choose 1")
@@ -83,7 +80,6 @@ class Passing:
 
     @property
     def summary(self) -> EveFigures:
-        """Return the application's final results."""
         return EveFigures(
             attack=self._options.attack,
             fraction=self._options.fraction,

@@ -142,7 +142,6 @@ class OpenerOfKeys:
         return size
 
     def _send(self, key: int, alice: Alice, photons: int) -> Steps[None]:
-        """Send a block that was announced."""
         side, number = self._side, self._progress.blocks
         yield WaitUntil(lambda: self._answers > 0)
         self._answers -= 1
@@ -154,5 +153,4 @@ class OpenerOfKeys:
 
 
 def sifted(alice: Alice, blocks: int) -> bool:
-    """Return whether `blocks` blocks are sifted."""
     return alice.blocks_sifted >= blocks

@@ -70,7 +70,6 @@ class KeyOptions(ServiceOptions):
     )
 
     def check(self) -> None:
-        """Raise SessionError for a value out of range."""
         super().check()
         check_seconds(self.seconds)
         if self.block_pairs / self.rate_hz > MAX_BLOCK_S:
@@ -91,7 +90,6 @@ class KeyOptions(ServiceOptions):
 
     @property
     def pairs_at_a_time(self) -> int:
-        """Return how many pulses or pairs a block has at most."""
         return self.block_pairs if self.seconds else super().pairs_at_a_time
 
     def parameters(self) -> Parameters:

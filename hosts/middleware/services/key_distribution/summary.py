@@ -39,7 +39,6 @@ class Counts:
     bell: Correlations = field(default_factory=Correlations)
 
     def add(self, keys: End) -> None:
-        """Count one more key, or what there is of it."""
         report, found = keys.report, keys.estimate
         self.raw += report.raw
         self.sifted += report.sifted
@@ -63,8 +62,6 @@ class Counts:
 
 @dataclass
 class Progress:
-    """Progress of one end."""
-
     started_s: float  # of the network's clock
     photons: int = 0  # or pairs, that were made
     blocks: int = 0  # of them
@@ -81,7 +78,6 @@ class Progress:
         self.keys += len(ids)
 
     def note(self, ends: Iterable[End], now_s: float) -> None:
-        """Note when blocks have been sifted."""
         blocks = self.made.blocks + sum(keys.blocks_sifted for keys in ends)
         if blocks > self._sifted_blocks:
             self._sifted_blocks, self.light_s = blocks, now_s - self.started_s

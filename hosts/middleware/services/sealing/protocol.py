@@ -158,7 +158,6 @@ class Watch:
             raise SessionError(Reason.NO_LIGHT, text)
 
     def summary(self) -> SealFigures:
-        """Return the application's results."""
         question, test = self._options.question, self._test
         compared, errors = int(self._compared.sum()), self.errors
         both = [

@@ -21,8 +21,6 @@ X, Y = 0, STEPS // 4
 
 
 class Phase(NamedTuple):
-    """Estimates from a fringe."""
-
     phase_rad: float  # from -pi to pi
     error_rad: float  # standard error
     visibility: float
@@ -32,7 +30,6 @@ class Fringe:
     """Outcomes so far, by the angles at which they were found."""
 
     def __init__(self) -> None:
-        """Begin with none."""
         self._counts: dict[int, NDArray[np.int64]] = {}  # by angle in steps: even, odd
 
     @property

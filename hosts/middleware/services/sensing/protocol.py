@@ -79,7 +79,6 @@ class Leader(line.Leader):
         return min(super().wanted(), GROWTH * self.states if located else first)
 
     def block(self, number: int, size: int) -> Steps[None]:
-        """Make a block of states, or of separate probes, and use it."""
         if not self._separate:
             yield from super().block(number, size)
             return
@@ -135,10 +134,7 @@ FIGURES = (
 
 
 class Follower(line.Follower):
-    """A host that another has asked."""
-
     def heard(self, message: Values) -> Steps[None]:
-        """Take part in a block of states, or make probes of its own."""
         if message.topic != Topic.PROBES:
             yield from super().heard(message)
             return

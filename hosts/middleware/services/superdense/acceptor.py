@@ -98,7 +98,6 @@ class Acceptor:
         self._missing.discard(order.block)
 
     def _carry_out(self, order: Measure | Discard | Collect) -> Steps[Symbols]:
-        """Do what a block needs; return its symbols."""
         match order:
             case Measure():
                 return (yield from self._measure(order))

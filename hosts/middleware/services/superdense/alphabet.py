@@ -42,7 +42,6 @@ class Dibits:
     symbols = 4
 
     def pairs(self, bits: int) -> int:
-        """Return a pair for two bits."""
         return -(-bits // 2)
 
     def to_symbols(self, bits: Bits) -> Symbols:

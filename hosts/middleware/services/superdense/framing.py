@@ -41,7 +41,6 @@ class SlotMap:
         return self.format.pairs(self.frame_bytes)
 
     def frame(self, number: int, size: int) -> Slots:
-        """Return the slots of a whole frame of size bytes."""
         first = number * self.frame_pairs
         return np.arange(first, first + self.format.pairs(size), dtype=np.int64)
 

@@ -81,7 +81,6 @@ class Opener:
         return copy(self._sender.statistics)
 
     def counts(self) -> Mapping[str, int]:
-        """Use so far, as the device reports it."""
         statistics = self._sender.statistics
         return {
             "pairs_sent": statistics.bell_pairs,

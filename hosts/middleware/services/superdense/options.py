@@ -47,7 +47,6 @@ class SuperdenseOptions(SessionOptions):
     interleave: bool = option(False, "spread the codewords of --fec over a frame")
 
     def asked(self) -> dict[str, Any]:
-        """Return the fields of the set-up message that say this."""
         return {
             **super().asked(),
             "pairs": self.pairs_at_a_time,
@@ -65,7 +64,6 @@ class SuperdenseOptions(SessionOptions):
         return min(self.block_pairs, max(MIN_BLOCK_PAIRS, int(self.rate_hz * MAX_BLOCK_S)))
 
     def check(self) -> None:
-        """Raise SessionError for a value out of range."""
         super().check()
         if not isinstance(self.interleave, bool):
             text = f"interleave {self.interleave!r}: choose True or False"

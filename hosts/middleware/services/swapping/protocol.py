@@ -53,7 +53,6 @@ class UnderWay:
     """
 
     def __init__(self, most: int) -> None:
-        """Begin with none."""
         self._most = most
         self._begun: set[int] = set()
         self._numbers: set[int] = set()  # of these, those under way

@@ -45,8 +45,6 @@ STATE_BLOCKS = 1 << 31  # numbers of the blocks of states, beside those of pairs
 
 @dataclass
 class Tally:
-    """Results of states so far."""
-
     states: int = 0
     arrived: int = 0
     agreed: int = 0  # of those that arrived

@@ -64,7 +64,6 @@ class Arbitrary:
         return Directions(self.theta * unit_rad, self.phi * unit_rad)
 
     def messages(self, session: int, block: int) -> list[Values]:
-        """Return what tells the other end the states of a block."""
         both = np.concatenate([self.theta, self.phi])
         return _in_parts(session, Topic.DIRECTIONS, block, both, 32)
 

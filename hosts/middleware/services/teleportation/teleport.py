@@ -31,7 +31,6 @@ class TeleportOptions(ServiceOptions):
     count: int = option(10_000, "states (10000)", metavar="N", range=(1, MAX_COUNT))
 
     def check(self) -> None:
-        """Raise SessionError for a value out of range."""
         super().check()
         qubit_states.check(self.state)
 

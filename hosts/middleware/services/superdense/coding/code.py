@@ -65,14 +65,12 @@ class Uncoded:
     unit_bits = 1
 
     def word_bits(self, data_bits: int) -> int:
-        """Return 1: every bit stands for itself."""
         return 1
 
     def encoded_bits(self, data_bits: int) -> int:
         return data_bits
 
     def encode(self, bits: Bits) -> Bits:
-        """Return the same bits."""
         return bits
 
     def decode(self, bits: Bits, erased: Mask, data_bits: int) -> Bits:
