@@ -17,11 +17,10 @@ import pytest
 from fabric_scene import NOISE, STANDING, TurningRingTopo, light_paths, started
 from fabric_scene import running as running_here
 from limits import SOON_S
+from limits import wait_until as wait_until
 from loaded import forks, run_qmn, serving
 from machine_scene import SecondMachine, second_machine
 from mininet.topo import Topo
-from waiting import ROOT as ROOT
-from waiting import wait_until as wait_until
 
 from topologies.networks.network import Network
 from topologies.repeaters import RepeatersTopo
@@ -29,6 +28,7 @@ from topologies.sdc import SdcTopo
 from topologies.system.kernel.interfaces import delete
 from topologies.system.namespaces import MACHINE_NETWORK, are_own, running
 from topologies.system.open_vswitch import openvswitch
+from topologies.system.processes.programs import ROOT as ROOT
 from topologies.system.processes.programs import Program
 from topologies.system.runs.runtime import RUNTIME_ROOT
 from topologies.tapped import TappedTopo

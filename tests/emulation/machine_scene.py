@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from distributed import LocalCluster
-from limits import SOON_S
-from waiting import ROOT, wait_until
+from limits import SOON_S, wait_until
 
 from evidence.curves.cluster import HTTP_ADDRESS
 from topologies.system.confinement.confinement import descendants
 from topologies.system.namespaces import OWN_NAMESPACES
+from topologies.system.processes.programs import ROOT
 
 HERE, THERE, PORT = "192.0.2.1", "192.0.2.2", 8786
 SCHEDULER = f"tcp://{HERE}:{PORT}"

@@ -8,6 +8,7 @@ from io import BytesIO
 from pathlib import Path
 
 import pytest
+from limits import SOON_S
 
 ROOT = Path(__file__).resolve().parents[2]
 # Of docker/, `entry` runs in the container. Others of setup/ are for Debian alone.
@@ -159,5 +160,5 @@ def test_a_command_that_takes_too_long_is_ended() -> None:
     within = ROOT / "docker/within"
     done = subprocess.run([within, "9", "sh", "-c", "echo there; exit 3"], capture_output=True)
     assert (done.returncode, done.stdout) == (3, b"there\n")
-    done = subprocess.run([within, "0", "sleep", "60"], capture_output=True, timeout=30)
+    done = subprocess.run([within, "0", "sleep", "60"], capture_output=True, timeout=SOON_S)
     assert done.returncode == 128 + 9

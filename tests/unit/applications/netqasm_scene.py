@@ -9,7 +9,8 @@ from typing import Any, TypeVar
 
 import netqasm.examples.apps
 from dispatcher_status import require_nothing_left
-from stacks_scene import DEADLINE_S, RELAYED, network
+from limits import SOON_S
+from stacks_scene import RELAYED, network
 
 from applications.netqasm.external import installed
 from applications.netqasm.placement import Placement
@@ -64,7 +65,7 @@ def outputs(
             playing = {
                 role: pool.submit(play, role, main, ends[role]) for role, main in entries.items()
             }
-            told = {role: each.result(2 * DEADLINE_S) for role, each in playing.items()}
+            told = {role: each.result(2 * SOON_S) for role, each in playing.items()}
         return [dict(zip(told, each, strict=True)) for each in zip(*told.values(), strict=True)]
 
     return performed(folder, perform, **physics)

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from limits import SOON_S
 from netqasm.lang.instr import vanilla
 from netqasm.sdk import EPRSocket, Qubit
 from netqasm.sdk.epr_socket import EprMeasBasis
 from netqasm_scene import EXAMPLES, outputs
-from stacks_scene import DEADLINE_S, network
+from stacks_scene import network
 
 from applications.processing_unit import machine, pairs
 from hosts import network_loop
@@ -393,7 +394,7 @@ def said(folder: Path, *messages: bytes) -> str:
 
     def speak() -> str:
         with socket.socket(socket.AF_UNIX) as unit:
-            unit.settimeout(DEADLINE_S)
+            unit.settimeout(SOON_S)
             unit.connect(str(folder / "alice.sock"))
             unit.sendall(encode_fields(Call.PROCESS) + b"".join(messages))
             while True:

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from limits import SOON_S
 from netqasm.sdk import EPRSocket
 from netqasm_scene import outputs
-from stacks_scene import DEADLINE_S
 from test_bundled_applications import ANGLES, fidelity, qubit
 
 from applications.netqasm.connection import Connection
@@ -112,7 +112,7 @@ def test_qubits_stay_until_the_programs_of_all_roles_have_ended(
         with NetQASMConnection("a", epr_sockets=[pairs]) as unit:
             (half,) = pairs.create_keep()
             unit.flush()
-            assert closed.wait(DEADLINE_S)
+            assert closed.wait(SOON_S)
             closed.clear()
             return get_qubit_state(half, reduced_dm=False)
 

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any, cast
 
 import pytest
+from limits import SOON_S, wait_until
 from scapy.layers.inet import ICMP, IP
 from scapy.layers.inet6 import ICMPv6DestUnreach, ICMPv6EchoRequest, IPv6
-from stacks_scene import DEADLINE_S, PORTS, QNICS, Judge, grant, live_qubits, network
+from stacks_scene import PORTS, QNICS, Judge, grant, live_qubits, network
 
 from applications.ip_over_light.format import PACKETS_PORT, IpOverLightConfig, Neighbor
 from applications.ip_over_light.interface import Interface
@@ -51,7 +52,7 @@ class Kernel:
         self._received.put(packet)
 
     def received(self) -> IP:
-        return IP(self._received.get(timeout=DEADLINE_S))
+        return IP(self._received.get(timeout=SOON_S))
 
     @property
     def quiet(self) -> bool:
@@ -79,10 +80,8 @@ class Scene:
 
     def wait_until_idle(self) -> None:
         """Wait until neither host takes part in a session."""
-        deadline = time.monotonic() + DEADLINE_S
-        while any(self._stacks[name].active_sessions.sessions for name in LIGHT):
-            assert time.monotonic() < deadline, "light was not given back"
-            time.sleep(0.02)
+        active = [self._stacks[name].active_sessions for name in LIGHT]
+        wait_until(lambda: not any(each.sessions for each in active), "light is given back")
 
 
 def config(folder: Path, name: str, time_scale: float = 1.0) -> IpOverLightConfig:
@@ -268,7 +267,7 @@ def test_a_queue_takes_no_more_than_it_may(tmp_path: Path) -> None:
 def test_bytes_that_are_no_packets_end_the_session_that_brought_them(tmp_path: Path) -> None:
     def work(scene: Scene) -> None:
         with QuantumSocket(tmp_path / "alice.sock") as light:
-            light.settimeout(DEADLINE_S)
+            light.settimeout(SOON_S)
             light.connect(("bob", PACKETS_PORT))
             light.sendall(scene.ping()[:20] + b"no packet" * 20)
         scene.wait_until_idle()

@@ -8,7 +8,8 @@ from typing import Any, TextIO
 
 import pytest
 from dispatcher_status import require_nothing_left
-from stacks_scene import DEADLINE_S, network
+from limits import SOON_S
+from stacks_scene import network
 
 from applications.qubits import Processor
 from hosts import network_loop
@@ -27,7 +28,7 @@ def played(folder: Path, paths: list[tuple[int, int]], **programs: Program) -> d
     def perform() -> dict[str, Any]:
         with ThreadPoolExecutor(len(programs)) as pool:
             playing = {host: pool.submit(play, host, each) for host, each in programs.items()}
-            told = {host: each.result(DEADLINE_S) for host, each in playing.items()}
+            told = {host: each.result(SOON_S) for host, each in playing.items()}
         require_nothing_left(folder)
         return told
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import forked_python
 import pytest
+from limits import SOON_S
 
-DEADLINE_S = 30
 BELL = """OPENQASM 2.0;
 include "qelib1.inc";
 qreg q[2];
@@ -24,7 +24,7 @@ measure q -> c;
 def run(*words: str, program: str = "") -> subprocess.CompletedProcess[str]:
     """Run the command."""
     command = [sys.executable, "-m", "qmn", "sabot", "run", *words]
-    return forked_python.run(command, DEADLINE_S, program)
+    return forked_python.run(command, SOON_S, program)
 
 
 def test_counts_are_a_table_and_the_most_frequent_comes_first(tmp_path: Path) -> None:
@@ -101,6 +101,6 @@ def test_ctrl_c_ends_it_without_a_traceback(tmp_path: Path) -> None:
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as program:
         with pipe.open("wb"):  # opens when the program reads, which then waits for more
             program.send_signal(signal.SIGINT)
-            assert program.wait(DEADLINE_S) == -signal.SIGINT
+            assert program.wait(SOON_S) == -signal.SIGINT
         assert program.stderr
         assert program.stderr.read() == b""

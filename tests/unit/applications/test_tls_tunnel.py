@@ -8,6 +8,7 @@ from select import select
 from uuid import UUID
 
 import pytest
+from limits import wait_until
 
 from applications.vpn.tls import LENGTH, PORT, Tls, read_frame, session
 
@@ -45,10 +46,7 @@ def test_a_key_is_good_for_who_comes_late(tmp_path: Path) -> None:
     )
     with subprocess.Popen(serving, stdin=pipe, stdout=pipe) as server:
         try:
-            deadline = time.monotonic() + 20
-            while LISTENS not in Path("/proc/net/tcp").read_text():
-                assert time.monotonic() < deadline, "OpenSSL does not listen"
-                time.sleep(0.02)
+            wait_until(lambda: LISTENS in Path("/proc/net/tcp").read_text(), "OpenSSL listens")
             time.sleep(3.5)
             with subprocess.Popen(asking, stdin=pipe, stdout=pipe) as client:
                 assert client.stdin is not None

@@ -8,6 +8,7 @@ import urllib.request
 from pathlib import Path
 
 import pytest
+from limits import SOON_S
 from prometheus_client.parser import text_string_to_metric_families
 
 from wire.config import ControllerConfig
@@ -46,13 +47,13 @@ def test_a_controller_answers_beside_its_work(tmp_path: Path, framework: str) ->
             socket.create_connection(address).close()  # says nothing: the next is answered
             for _ in range(2):
                 url = f"http://{address[0]}:{address[1]}/metrics"
-                with urllib.request.urlopen(url, timeout=10) as response:
+                with urllib.request.urlopen(url, timeout=SOON_S) as response:
                     families = list(text_string_to_metric_families(response.read().decode()))
             names = {family.name for family in families}
             assert {"qmn_path_setup_seconds", "qmn_symbol_errors", "qmn_packet_ins"} <= names
         finally:
             program.terminate()
-            program.wait(20)
+            program.wait(SOON_S)
 
 
 @pytest.mark.parametrize("framework", ["ryu", "os-ken"])
@@ -62,7 +63,7 @@ def test_recorded_facts_are_counted_and_set_ups_timed(framework: str) -> None:
         env={**os.environ, "QMN_CONTROLLER_FRAMEWORK": framework},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=SOON_S,
         check=True,
     )
     families = text_string_to_metric_families(done.stdout)

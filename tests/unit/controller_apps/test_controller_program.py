@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from limits import SOON_S
 
 from topologies.system.runs.runtime import free_port
 from wire.config import ControllerConfig
@@ -58,7 +59,7 @@ def refused(config: Path) -> str:
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=SOON_S,
         check=False,
     )
     assert done.returncode == 1
@@ -94,7 +95,7 @@ def test_a_fault_in_a_handler_ends_the_program(framework: str, tmp_path: Path) -
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=SOON_S,
         check=False,
     )
     assert done.returncode == 1

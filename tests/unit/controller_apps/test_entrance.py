@@ -8,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from limits import SOON_S
 
 from controller_apps.tls.entrance import Entrance, Impostor, SwitchMessages
 from topologies.system.certificates.authority import CertificateAuthority
@@ -18,7 +19,6 @@ from wire.malformed import MalformedPacket
 
 HELLO = bytes.fromhex("0500000800000001")  # OpenFlow 1.4, section 7.5.1
 IDS = {"s1": 1, "q1": 0x1001}
-SOON_S = 5.0
 
 
 def features(datapath_id: int) -> bytes:

@@ -14,12 +14,12 @@ from pathlib import Path
 from threading import Thread
 
 import pytest
+from limits import SOON_S
 from stepping import stepping
 
 from copper.forwarder import QUEUE_BYTES, Direction, Forwarder
 from wire.config import Cable, CopperConfig
 
-DEADLINE_S = 20.0
 ALICE, BOB, ED = (IPv4Address(f"10.0.0.{number}").packed for number in (1, 2, 4))
 NEVER_S = 1e6
 
@@ -64,18 +64,18 @@ def cables(
         yield [(one[1], other[1]) for one, other in pairs]
     finally:
         forwarder.stop()
-        thread.join(DEADLINE_S)
+        thread.join(SOON_S)
         assert not thread.is_alive()
         forwarder.close()
         for far in (end[1] for pair in pairs for end in pair):
-            far.settimeout(DEADLINE_S)
+            far.settimeout(SOON_S)
             while far.recv(1 << 16):  # what was on its way; then the end of all
                 pass
             far.close()
 
 
 def comes(end: socket.socket) -> bytes:
-    end.settimeout(DEADLINE_S)
+    end.settimeout(SOON_S)
     return end.recv(1 << 16)
 
 
@@ -224,11 +224,11 @@ def test_a_network_may_have_many_cables(number: int, tmp_path: Path) -> None:
         assert {comes(far[1]) for far in ends[1::2]} == {ip(ALICE, BOB)}
         assert time.monotonic() - sent_s >= 0.02
         copper.terminate()
-        output, _ = copper.communicate(timeout=DEADLINE_S)
+        output, _ = copper.communicate(timeout=SOON_S)
         assert output == f"stopped: {number:,} packets held, 0 lost\n"
     finally:
         copper.kill()
-        copper.wait(DEADLINE_S)
+        copper.wait(SOON_S)
         for end in chain(*ends):
             end.close()
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))

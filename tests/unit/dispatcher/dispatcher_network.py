@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import grpc
+from limits import SOON_S
 
 from dispatcher.build import open_layer
 from dispatcher.clock import Clock
@@ -54,7 +55,6 @@ STEP = {  # by the type of a request
 }
 STATUS = {status.value[0]: status for status in grpc.StatusCode}
 START_NS = 1_700_000_000_000_000_000
-DEADLINE_S = 20
 DELAY_NS = 49  # of 10 m
 FAST_HZ = 1_000_000_000
 
@@ -95,7 +95,7 @@ class ManualClock(JumpingClock):
 
     async def waiters(self, count: int) -> None:
         """Return once so many wait for the clock."""
-        async with asyncio.timeout(DEADLINE_S), self._changed:
+        async with asyncio.timeout(SOON_S), self._changed:
             await self._changed.wait_for(lambda: self.waiting >= count)
 
     async def set(self, time_ns: int) -> None:
@@ -121,12 +121,12 @@ class Client:
 
     async def call(self, method: str, request: Any) -> Any:
         """Make a call by name, within the deadline."""
-        return await getattr(self.stub, method)(request, metadata=self.metadata, timeout=DEADLINE_S)
+        return await getattr(self.stub, method)(request, metadata=self.metadata, timeout=SOON_S)
 
     async def act(self, request: Any) -> Feedback:
         """Perform one request of a host; raise the status that an outcome has."""
         order = Order(number=1, steps=[Step(**{STEP[type(request)]: request})])
-        call = self.stub.Perform(iter([order]), metadata=self.metadata, timeout=DEADLINE_S)
+        call = self.stub.Perform(iter([order]), metadata=self.metadata, timeout=SOON_S)
         (outcome,) = [outcome async for outcome in call]
         if outcome.code:
             status, nothing = STATUS[outcome.code], grpc.aio.Metadata()
@@ -185,7 +185,7 @@ class Client:
 
     async def cross_connect(self, request: CrossConnectRequest) -> CrossConnectOutcome:
         """Ask for cross-connects, within the deadline."""
-        async with asyncio.timeout(DEADLINE_S):
+        async with asyncio.timeout(SOON_S):
             return await self._link.ask(request)
 
     def close(self) -> None:
@@ -223,7 +223,7 @@ class Client:
     def watch_switch(self) -> Any:
         """Open a stream of q1's conditions."""
         request = WatchSwitchRequest(switch="q1")
-        return self.stub.WatchSwitch(request, metadata=self.metadata, timeout=DEADLINE_S)
+        return self.stub.WatchSwitch(request, metadata=self.metadata, timeout=SOON_S)
 
     async def status(self) -> StatusReply:
         """Ask for the status."""

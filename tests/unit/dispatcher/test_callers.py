@@ -9,6 +9,7 @@ import grpc
 import pytest
 import uvloop
 from dispatcher_network import JumpingClock, configuration, running
+from limits import SOON_S
 
 from dispatcher.server import callers
 from dispatcher.server.callers import Challenges
@@ -19,7 +20,6 @@ from wire.dispatcher_pb2 import ChallengeRequest, StatusRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import NONCE_BYTES, metadata, proof, proving
 
-TIMEOUT_S = 5.0
 NONCE = bytes(range(NONCE_BYTES))
 GOLDEN = "bdb7662ff651382c595962ef5690065db154ad520ef8adc76938807f23a10ac1"
 Act = Callable[[Any, Any], Awaitable[None]]
@@ -44,12 +44,12 @@ def on_two_connections(folder: Path, act: Act) -> None:
 
 
 async def nonce_of(stub: Any) -> bytes:
-    return bytes((await stub.Challenge(ChallengeRequest(), timeout=TIMEOUT_S)).nonce)
+    return bytes((await stub.Challenge(ChallengeRequest(), timeout=SOON_S)).nonce)
 
 
 async def refused(stub: Any, told: Any, words: str) -> None:
     with pytest.raises(grpc.aio.AioRpcError) as caught:
-        await stub.Status(StatusRequest(), metadata=told, timeout=TIMEOUT_S)
+        await stub.Status(StatusRequest(), metadata=told, timeout=SOON_S)
     assert caught.value.code() == grpc.StatusCode.UNAUTHENTICATED
     assert words in (caught.value.details() or "")
 
@@ -59,7 +59,7 @@ def test_a_proof_counts_once_for_its_method_on_its_connection(tmp_path: Path) ->
         token = "token of runner"
         told = proving(token, await nonce_of(one), "Status")
         await refused(other, told, "not of this connection")
-        await one.Status(StatusRequest(), metadata=told, timeout=TIMEOUT_S)
+        await one.Status(StatusRequest(), metadata=told, timeout=SOON_S)
         await refused(one, told, "was used before")
         await refused(one, proving(token, await nonce_of(one), "Watch"), "no node's token proves")
         await refused(one, proving("wrong", await nonce_of(one), "Status"), "no node's token")
@@ -97,7 +97,7 @@ def test_by_tls_a_call_is_of_whom_proof_and_certificate_name(tmp_path: Path) -> 
             async with grpc.aio.secure_channel(address, shown) as channel:
                 alice: Any = DispatcherStub(channel)  # type: ignore[no-untyped-call]
                 told = proving("token of alice", await nonce_of(alice), "Perform")
-                call = alice.Perform(iter(()), metadata=told, timeout=TIMEOUT_S)
+                call = alice.Perform(iter(()), metadata=told, timeout=SOON_S)
                 assert [outcome async for outcome in call] == []
                 told = proving("token of bob", await nonce_of(alice), "Status")
                 await refused(alice, told, "the proof is bob's, and the certificate of alice")

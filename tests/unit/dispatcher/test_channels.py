@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import uvloop
 from five_sigma import within
+from limits import SOON_S
 
 from dispatcher.approximations import CROSSTALK
 from dispatcher.fiber.channels import Traffic
@@ -61,7 +62,7 @@ class OnceAllAreSent:
         return self._clock.now_ns()
 
     async def wait_until(self, time_ns: int) -> None:
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(SOON_S):
             while self._flying() < self._blocks:
                 await asyncio.sleep(0)
         self._blocks = 0

@@ -9,7 +9,8 @@ from pathlib import Path
 import grpc
 import pytest
 import uvloop
-from dispatcher_network import DEADLINE_S, Bench, JumpingClock, configuration, running
+from dispatcher_network import Bench, JumpingClock, configuration, running
+from limits import SOON_S
 
 from wire import dispatcher_service
 from wire.config import QuantumSwitch
@@ -30,7 +31,7 @@ def play(folder: Path, scene: Callable[[Bench], Awaitable[None]]) -> None:
 
     async def run() -> None:
         async with running(configuration(folder), JumpingClock()) as bench:
-            await asyncio.wait_for(scene(bench), DEADLINE_S)
+            await asyncio.wait_for(scene(bench), SOON_S)
 
     uvloop.run(run())
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import uvloop
 from dispatcher_network import JumpingClock, block, configuration, running
+from limits import SOON_S
 from prometheus_client.parser import text_string_to_metric_families
 
 from dispatcher.server.metrics import MeasuredService
@@ -16,7 +17,7 @@ from wire.dispatcher_pb2 import MeasureRequest, Order, Step
 
 def samples(address: str) -> dict[str, float]:
     """Return every sample by its name, and its rpc if it has one."""
-    with urllib.request.urlopen(f"http://{address}/metrics", timeout=5) as response:
+    with urllib.request.urlopen(f"http://{address}/metrics", timeout=SOON_S) as response:
         families = text_string_to_metric_families(response.read().decode())
     samples = [sample for family in families for sample in family.samples]
     return {" ".join((s.name, *s.labels.values())): s.value for s in samples}

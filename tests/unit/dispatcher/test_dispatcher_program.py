@@ -15,6 +15,7 @@ import grpc
 import pytest
 import uvloop
 from dispatcher_network import configuration
+from limits import SOON_S
 
 from dispatcher.clock import NetworkClock
 from wire import dispatcher_service
@@ -22,8 +23,6 @@ from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import StatusRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.network_time import NetworkTime
-
-DEADLINE_S = 20
 
 
 def command(config: DispatcherConfig, folder: Path) -> list[str]:
@@ -46,7 +45,7 @@ def started(config: DispatcherConfig, folder: Path) -> Iterator[subprocess.Popen
 
 def refusal(config: DispatcherConfig, folder: Path) -> str:
     """Run the dispatcher, which must fail, and return what it says."""
-    result = forked_python.run(command(config, folder), DEADLINE_S)
+    result = forked_python.run(command(config, folder), SOON_S)
     assert result.returncode == 1
     assert result.stdout == ""
     return result.stderr
@@ -63,10 +62,10 @@ def test_it_serves_when_ready_and_ends_cleanly_at_a_signal(tmp_path: Path, numbe
         with grpc.insecure_channel(f"unix:{config.socket}") as channel:
             stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
             metadata = dispatcher_service.metadata("token of runner")
-            reply = stub.Status(StatusRequest(), metadata=metadata, timeout=DEADLINE_S)
+            reply = stub.Status(StatusRequest(), metadata=metadata, timeout=SOON_S)
             assert reply.backend == "chp"
         program.send_signal(number)
-        assert program.wait(DEADLINE_S) == 0
+        assert program.wait(SOON_S) == 0
         assert program.stdout.read() == ""
     assert not any(path.exists() for path in sockets)
 
@@ -92,9 +91,7 @@ def test_an_empty_token_is_named(tmp_path: Path) -> None:
 def test_a_configuration_of_another_kind_is_named(tmp_path: Path) -> None:
     path = tmp_path / "dispatcher.json"
     path.write_text("{}")
-    result = forked_python.run(
-        [sys.executable, "-m", "dispatcher", "--config", str(path)], DEADLINE_S
-    )
+    result = forked_python.run([sys.executable, "-m", "dispatcher", "--config", str(path)], SOON_S)
     assert result.returncode == 1
     assert str(path) in result.stderr
     assert result.stderr.count("\n") == 1

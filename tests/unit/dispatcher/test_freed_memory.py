@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+from limits import SOON_S
+
 COUNT_FAULTS = """
 import ctypes
 import resource
@@ -26,7 +28,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
 def page_faults(how: str) -> int:
     """Return how many pages the system has to clear for arrays that are taken again and again."""
     command = [sys.executable, "-c", COUNT_FAULTS, how]
-    return int(subprocess.run(command, check=True, capture_output=True, timeout=60).stdout)
+    return int(subprocess.run(command, check=True, capture_output=True, timeout=SOON_S).stdout)
 
 
 def test_arrays_are_taken_again_without_the_system_clearing_their_pages() -> None:

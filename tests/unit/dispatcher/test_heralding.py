@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import uvloop
 from five_sigma import within
+from limits import SOON_S
 from numpy.typing import NDArray
 
 from dispatcher.approximations import CLASSICAL_LIGHT, READY_STATION, STRAYED
@@ -809,7 +810,7 @@ def test_no_host_finds_a_heralded_pair_before_news_of_it_can_be_there(
         clock.wait_until = wait  # type: ignore[method-assign]
         station = asyncio.create_task(heralded(laboratory, 3))
         with layer.history.watching("alice", 0, remembered=False) as watcher:
-            async with asyncio.timeout(20):
+            async with asyncio.timeout(SOON_S):
                 while "alice" not in layer.memories._stored:
                     await asyncio.sleep(0)
             clicked_ns, alice = clock.now_ns(), laboratory.host("alice")

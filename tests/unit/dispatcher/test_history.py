@@ -20,6 +20,7 @@ from dispatcher_network import (
     running,
     with_fibers,
 )
+from limits import SOON_S
 
 from dispatcher.clock import NetworkClock
 from dispatcher.layer.history import MOST_AT_ONCE, WATCHER_DEPTH, History
@@ -92,7 +93,7 @@ class Stream:
 
 async def watch(bench: Bench, request: WatchRequest) -> Stream:
     """Start watching as the runner."""
-    return Stream(bench.stub.Watch(request, metadata=bench.runner.metadata, timeout=20))
+    return Stream(bench.stub.Watch(request, metadata=bench.runner.metadata, timeout=SOON_S))
 
 
 def test_a_watcher_sees_what_it_asked_for(tmp_path: Path) -> None:
@@ -118,7 +119,7 @@ def test_a_watcher_is_told_what_has_happened_meanwhile_in_one_message(tmp_path: 
             request = WatchRequest(history=True, pause_ms=round(1000 * pause_s))
             began = time.monotonic()
             history.record(event(0))
-            call = bench.stub.Watch(request, metadata=bench.runner.metadata, timeout=20)
+            call = bench.stub.Watch(request, metadata=bench.runner.metadata, timeout=SOON_S)
             assert [each.block.number for each in (await call.read()).events] == [0]
             for number in range(1, 1 + MOST_AT_ONCE):
                 history.record(event(number))
@@ -138,7 +139,7 @@ def test_a_watcher_that_goes_away_is_forgotten(tmp_path: Path) -> None:
             await stream.read()
             assert len(bench.layer.history._watchers) == 1
             stream.cancel()
-            async with asyncio.timeout(5):
+            async with asyncio.timeout(SOON_S):
                 while bench.layer.history._watchers:
                     await bench.alice.create(1, number=bench.layer.history.count)
 
@@ -166,7 +167,7 @@ def test_an_unknown_token_may_not_watch(tmp_path: Path) -> None:
     async def run() -> None:
         async with running(configuration(tmp_path), JumpingClock()) as bench:
             stream = bench.stub.Watch(
-                WatchRequest(), metadata=dispatcher_service.metadata("x"), timeout=5
+                WatchRequest(), metadata=dispatcher_service.metadata("x"), timeout=SOON_S
             )
             with pytest.raises(grpc.aio.AioRpcError) as refusal:
                 await stream.read()
@@ -271,7 +272,7 @@ def test_events_are_written_a_moment_later_and_in_the_end() -> None:
         history = History(10, log, delay_s=0.001)
         history.record(Event(node="alice"))
         assert not log.getvalue()  # who asked has its answer first
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(SOON_S):
             while "alice" not in log.getvalue():
                 await asyncio.sleep(0)
         history.record(Event(node="bob"))

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import uvloop
 from dispatcher_network import (
-    DEADLINE_S,
     DELAY_NS,
     START_NS,
     Bench,
@@ -20,6 +19,7 @@ from dispatcher_network import (
     running,
     with_fibers,
 )
+from limits import SOON_S
 
 from dispatcher.layer.network import Network
 from dispatcher.layer.ownership import BlockName
@@ -183,7 +183,7 @@ async def cut_in_the_middle(bench: Bench, clock: ManualClock, *then: tuple[int, 
 
 async def first_part_at(bench: Bench, port: str) -> None:
     """Return when a part of the block has come to a port, and whoever waits for it could know."""
-    async with asyncio.timeout(DEADLINE_S):
+    async with asyncio.timeout(SOON_S):
         while True:
             parts = bench.layer.ownership.parts(BlockName(7, 0, 0))
             if any(part.port == port for part in parts):

@@ -9,7 +9,6 @@ import grpc
 import pytest
 import uvloop
 from dispatcher_network import (
-    DEADLINE_S,
     FAST_HZ,
     Bench,
     JumpingClock,
@@ -18,6 +17,7 @@ from dispatcher_network import (
     configuration,
     running,
 )
+from limits import SOON_S
 
 from dispatcher.operations.limits import MAX_ORDERS
 from dispatcher.server.servicer import Orders
@@ -43,7 +43,7 @@ class Host:
     """One host's call of Perform."""
 
     def __init__(self, bench: Bench, node: str) -> None:
-        self.call = bench.stub.Perform(metadata=getattr(bench, node).metadata, timeout=DEADLINE_S)
+        self.call = bench.stub.Perform(metadata=getattr(bench, node).metadata, timeout=SOON_S)
 
     async def order(self, number: int, *steps: Step, **how: Any) -> None:
         await self.call.write(Order(number=number, steps=steps, **how))
@@ -52,7 +52,7 @@ class Host:
         await self.call.write(Order(number=number, cancel=True))
 
     async def outcome(self) -> Outcome:
-        outcome = await asyncio.wait_for(self.call.read(), DEADLINE_S)
+        outcome = await asyncio.wait_for(self.call.read(), SOON_S)
         assert isinstance(outcome, Outcome)
         return outcome
 
@@ -361,7 +361,7 @@ def test_a_host_that_reads_no_outcomes_has_so_many_orders_and_no_more() -> None:
         host = SlowHost()
         for number in range(1, MAX_ORDERS + 1):
             host.orders.put_nowait(Order(number=number, steps=[create(1)]))
-        async with asyncio.timeout(DEADLINE_S):
+        async with asyncio.timeout(SOON_S):
             running = asyncio.create_task(
                 Orders(host.act, host.write, host.settled).run(host.each())
             )
@@ -385,7 +385,7 @@ def test_a_host_that_reads_no_outcomes_has_so_many_orders_and_no_more() -> None:
 def test_an_outcome_is_written_whole_though_its_order_is_cancelled_meanwhile() -> None:
     async def run() -> None:
         host = SlowHost()
-        async with asyncio.timeout(DEADLINE_S):
+        async with asyncio.timeout(SOON_S):
             running = asyncio.create_task(
                 Orders(host.act, host.write, host.settled).run(host.each())
             )
@@ -406,7 +406,7 @@ def test_an_outcome_is_written_whole_though_its_order_is_cancelled_meanwhile() -
 def test_an_order_that_is_cancelled_while_it_is_answered_is_not_repeated() -> None:
     async def run() -> None:
         host = SlowHost()
-        async with asyncio.timeout(DEADLINE_S):
+        async with asyncio.timeout(SOON_S):
             running = asyncio.create_task(
                 Orders(host.act, host.write, host.settled).run(host.each())
             )
@@ -460,7 +460,7 @@ def test_an_order_ends_with_light_that_is_lost_but_goes_on_with_what_it_has(
         host = Lights()
         if here:
             host.here.set()
-        async with asyncio.timeout(DEADLINE_S):
+        async with asyncio.timeout(SOON_S):
             await Orders(host.act, host.write, host.settled).run(host.orders(turns))
         (outcome,) = host.outcomes
         expired = grpc.StatusCode.DEADLINE_EXCEEDED.value[0]

@@ -15,7 +15,6 @@ import grpc
 import pytest
 import uvloop
 from dispatcher_network import (
-    DEADLINE_S,
     START_NS,
     Bench,
     Client,
@@ -25,6 +24,7 @@ from dispatcher_network import (
     running,
     with_fibers,
 )
+from limits import SOON_S, until
 
 from dispatcher.build import open_layer
 from dispatcher.clock import Clock, NetworkClock
@@ -206,7 +206,7 @@ class Crowd:
 
     async def run(self) -> None:
         """Let everyone do something at the same time."""
-        async with asyncio.timeout(30), asyncio.TaskGroup() as group:
+        async with asyncio.timeout(SOON_S), asyncio.TaskGroup() as group:
             for number in range(12):
                 group.create_task(self.transmit(number))
                 group.create_task(self.receive(number))
@@ -267,7 +267,9 @@ class Crowd:
                 )
 
         charlie: Client = self.bench.charlie
-        async for _outcome in charlie.stub.Perform(given(), metadata=charlie.metadata, timeout=20):
+        async for _outcome in charlie.stub.Perform(
+            given(), metadata=charlie.metadata, timeout=SOON_S
+        ):
             pass
 
     async def look(self) -> None:
@@ -393,9 +395,7 @@ def test_a_run_that_ends_while_light_is_on_its_way_is_replayed(tmp_path: Path) -
     async def act(bench: Bench) -> None:
         await bench.alice.create(10)
         sending = asyncio.ensure_future(bench.alice.send((block(), "alice-q9"), rate_hz=1))
-        async with asyncio.timeout(DEADLINE_S):
-            while bench.layer.history.count < 2:  # created, and sent
-                await asyncio.sleep(0.001)
+        await until(lambda: bench.layer.history.count >= 2)  # created, and sent
         sending.cancel()
 
     content, log = recorded(tmp_path, NetworkClock(), act)

@@ -18,6 +18,7 @@ from dispatcher_network import (
     configuration,
     running,
 )
+from limits import SOON_S, until
 
 from wire.dispatcher_pb2 import (
     ApplyRequest,
@@ -427,7 +428,9 @@ def test_an_emission_longer_than_switches_remember_is_refused(tmp_path: Path) ->
 def test_a_wrong_token_is_unauthenticated(tmp_path: Path, token: str) -> None:
     async def action(bench: Bench) -> None:
         client = Client(bench.stub, token)
-        for reply in (client.act(create()), client.status()):
+        # Of a stream that has messages the client may hear that it could not write them.
+        stream = bench.stub.Perform(iter(()), metadata=client.metadata, timeout=SOON_S)
+        for reply in (stream.read(), client.status()):
             with pytest.raises(grpc.aio.AioRpcError) as refusal:
                 await reply
             assert refusal.value.code() == Code.UNAUTHENTICATED
@@ -439,7 +442,7 @@ def test_a_wrong_token_is_unauthenticated(tmp_path: Path, token: str) -> None:
 def test_a_call_without_a_token_is_unauthenticated(tmp_path: Path) -> None:
     async def action(bench: Bench) -> None:
         with pytest.raises(grpc.aio.AioRpcError, match="no token") as refusal:
-            await bench.stub.Status(StatusRequest(), timeout=5)
+            await bench.stub.Status(StatusRequest(), timeout=SOON_S)
         assert refusal.value.code() == Code.UNAUTHENTICATED
 
     attempt(tmp_path, action)
@@ -551,13 +554,6 @@ def test_a_caller_that_goes_away_leaves_nothing_behind(tmp_path: Path) -> None:
         assert not waiting
 
     attempt(tmp_path, action)
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    """Wait for a condition, at most five seconds."""
-    async with asyncio.timeout(5):
-        while not condition():
-            await asyncio.sleep(0)
 
 
 def test_an_unexpected_error_is_reported_to_end_the_program(

@@ -25,6 +25,7 @@ from dispatcher_network import (
     running,
     with_fibers,
 )
+from limits import SOON_S
 
 from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.dense import TooLarge
@@ -50,7 +51,6 @@ from wire.dispatcher_pb2 import (
 from wire.sabot_pb2_grpc import SabotStub
 
 Code = grpc.StatusCode
-DEADLINE_S = 20
 MAX_LIVE = 100_000
 PREPARED = CreateRequest.PREPARED
 PAIRS, ZEROS = messages.CreateRequest.BELL_PAIRS, messages.CreateRequest.ZEROS
@@ -200,7 +200,7 @@ def test_kraus_operators_that_no_channel_has_are_refused(tmp_path: Path) -> None
         with pytest.raises(grpc.RpcError, match="on backend chp; begin a workspace on dense"):
             stub.Kraus(messages.KrausRequest(**{**named, **numbers, "workspace": 2}))
         stub.Kraus(messages.KrausRequest(**named, **numbers))
-        answers = [stub.Measure(measure(register=n), timeout=DEADLINE_S) for n in (1, 2)]
+        answers = [stub.Measure(measure(register=n), timeout=SOON_S) for n in (1, 2)]
         assert answers[0].outcomes == answers[1].outcomes
 
 
@@ -280,7 +280,7 @@ def test_a_dispatcher_without_its_server_says_so_in_one_line(tmp_path: Path) -> 
     config = configuration(tmp_path, sabot=str(tmp_path / "absent.sock"))
     config.write(tmp_path / "dispatcher.json")
     command = [sys.executable, "-m", "dispatcher", "--config", str(tmp_path / "dispatcher.json")]
-    done = forked_python.run(command, DEADLINE_S)
+    done = forked_python.run(command, SOON_S)
     assert done.returncode == 1
     assert "absent.sock" in done.stderr
     assert "start it with python -m dispatcher.sabot --socket" in done.stderr
@@ -463,13 +463,13 @@ def test_a_refused_request_names_the_value_and_changes_nothing(tmp_path: Path) -
         before = prepare(stub)
         for method, request, code, text in REFUSED:
             with pytest.raises(grpc.RpcError) as raised:
-                getattr(stub, method)(request, timeout=DEADLINE_S)
+                getattr(stub, method)(request, timeout=SOON_S)
             assert (raised.value.code(), text in str(raised.value.details())) == (code, True), (
                 request
             )
             assert status(stub) == before
         # The pair is still one.
-        answers = [stub.Measure(measure(register=n), timeout=DEADLINE_S) for n in (1, 2)]
+        answers = [stub.Measure(measure(register=n), timeout=SOON_S) for n in (1, 2)]
         assert answers[0].outcomes == answers[1].outcomes
 
 
@@ -481,7 +481,7 @@ def test_bytes_that_are_no_message_are_refused(tmp_path: Path) -> None:
         for method in ("Begin", "Create", "Apply", "Measure", "Dump"):
             send = channel.unary_unary(f"/qmn.sabot.Sabot/{method}", None, None)
             with pytest.raises(grpc.RpcError) as raised:
-                send(b"\xff" * 50, timeout=DEADLINE_S)
+                send(b"\xff" * 50, timeout=SOON_S)
             assert raised.value.code() == Code.INTERNAL
         assert RemoteSabot(socket, "chp").zeros(1).size == 1
 
@@ -535,7 +535,7 @@ def test_the_program_serves_its_owner_alone_and_ends_cleanly(tmp_path: Path, num
         with RemoteSabot(str(socket), "chp") as remote:
             assert remote.zeros(2).size == 2
         os.kill(program.pid, number)
-        assert program.wait(DEADLINE_S) == 0
+        assert program.wait(SOON_S) == 0
         assert program.stderr
         assert program.stderr.read() == b""
     assert not socket.exists()
@@ -544,7 +544,7 @@ def test_the_program_serves_its_owner_alone_and_ends_cleanly(tmp_path: Path, num
 @pytest.mark.parametrize("name", ["s" * 100, "absent/s.sock"])
 def test_a_socket_that_cannot_be_is_named(tmp_path: Path, name: str) -> None:
     command = [sys.executable, "-m", "dispatcher.sabot", "--socket", str(tmp_path / name)]
-    done = forked_python.run(command, DEADLINE_S)
+    done = forked_python.run(command, SOON_S)
     assert done.returncode == 1
     assert str(tmp_path / name) in done.stderr
     assert done.stderr.count("\n") == 1

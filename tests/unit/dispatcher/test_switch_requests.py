@@ -9,6 +9,7 @@ import grpc
 import pytest
 import uvloop
 from dispatcher_network import Bench, JumpingClock, configuration, running
+from limits import SOON_S
 
 from dispatcher.layer.network import Network
 from dispatcher.refusal import Refusal
@@ -182,7 +183,7 @@ def test_a_watcher_that_has_gone_is_forgotten(tmp_path: Path) -> None:
         watchers = bench.switching._watchers["q1"]
         assert len(watchers) == 1
         stream.cancel()
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(SOON_S):
             while watchers:
                 await bench.runner.status()
 
@@ -192,7 +193,7 @@ def test_a_watcher_that_has_gone_is_forgotten(tmp_path: Path) -> None:
 def test_a_host_may_not_watch_a_switch(tmp_path: Path) -> None:
     async def scene(bench: Bench) -> None:
         stream = bench.stub.WatchSwitch(
-            WatchSwitchRequest(switch="q1"), metadata=bench.bob.metadata, timeout=5
+            WatchSwitchRequest(switch="q1"), metadata=bench.bob.metadata, timeout=SOON_S
         )
         with pytest.raises(grpc.aio.AioRpcError, match="bob may not read q1"):
             await stream.read()

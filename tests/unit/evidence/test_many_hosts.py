@@ -7,6 +7,7 @@ import sys
 import time
 
 import pytest
+from limits import SOON_S
 
 from evidence.kinds.bench import sizes
 from topologies.system.namespaces import in_own_namespaces
@@ -40,7 +41,7 @@ def test_memory_is_that_of_all_processes_each_page_once() -> None:
         capture_output=True,
         text=True,
         check=True,
-        timeout=60,
+        timeout=SOON_S,
     )
     before, alone, shared = map(float, done.stdout.split())
     assert 50 <= alone - before <= 60

@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from limits import SOON_S
 
 from evidence.curves.scratch import scratch_folder
 from topologies.system.processes.programs import ROOT
@@ -40,7 +41,7 @@ def test_only_what_a_killed_sweep_has_left_is_removed(tmp_path: Path) -> None:
             assert (folder / "message").exists()
         assert not Path(other).exists()
         sweep.kill()
-        assert sweep.wait(10) == -signal.SIGKILL
+        assert sweep.wait(SOON_S) == -signal.SIGKILL
     assert (folder / "message").exists()
     with scratch_folder():
         assert not folder.exists()

@@ -1,11 +1,11 @@
 """The status of a dispatcher, as the runner may ask for it."""
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import grpc
+from limits import SOON_S, wait_until
 
 from wire.dispatcher_pb2 import HeldBlock, StatusReply, StatusRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
@@ -25,7 +25,7 @@ def asking(folder: Path) -> Iterator[Ask]:
 
         def ask(node: str) -> StatusReply:
             reply: StatusReply = stub.Status(
-                StatusRequest(blocks_at=node), metadata=metadata("token of runner"), timeout=5
+                StatusRequest(blocks_at=node), metadata=metadata("token of runner"), timeout=SOON_S
             )
             return reply
 
@@ -40,11 +40,11 @@ def status(folder: Path, node: str) -> StatusReply:
 
 def require_nothing_left(folder: Path, nodes: Sequence[str] = HOSTS) -> None:
     """Wait until all hosts have let go of all photons."""
-    deadline = time.monotonic() + 5
     with asking(folder) as ask:
-        while any(ask(node).blocks for node in nodes) or ask("").live_qubits:
-            assert time.monotonic() < deadline, [ask(node) for node in nodes]
-            time.sleep(0.02)
+        wait_until(
+            lambda: not (any(ask(node).blocks for node in nodes) or ask("").live_qubits),
+            "no photon is left",
+        )
 
 
 def held(folder: Path, node: str) -> list[HeldBlock]:

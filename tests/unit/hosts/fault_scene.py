@@ -5,7 +5,6 @@ A session of each service is small, but has several blocks, so that it can break
 
 import asyncio
 import re
-import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import asynccontextmanager
@@ -16,7 +15,8 @@ from typing import Any
 
 from chain_scene import Stacks, chain
 from dispatcher_status import require_nothing_left
-from stacks_scene import DEADLINE_S, Judge, grant, network
+from limits import SOON_S, until
+from stacks_scene import Judge, grant, network
 
 from hosts.quantum_socket import QuantumSocket
 from hosts.service_socket import ServiceSocket
@@ -109,10 +109,7 @@ async def _hosts(folder: Path, service: str, judge: Judge, **physics: Any) -> As
 
 async def require_no_session(stacks: Stacks) -> None:
     """Wait until no host takes part in anything, nor waits for light."""
-    deadline = time.monotonic() + 10
-    while left := [*_under_way(stacks)]:
-        assert time.monotonic() < deadline, left
-        await asyncio.sleep(0.02)
+    await until(lambda: not _under_way(stacks))
 
 
 def _under_way(stacks: Stacks) -> list[str]:
@@ -141,27 +138,24 @@ def session(
         sent = words.get("data", DATA)
         take_part = partial(_receive, sent) if service == "sdc" else _accept
         bob = pool.submit(take_part, folder, service, known, listening, over)
-        listening.result(DEADLINE_S)
+        listening.result(SOON_S)
         ask = _send if service == "sdc" else _ask
         try:
             alice = ask(folder, service, known, words)
         finally:
-            over.result(DEADLINE_S)()
-        return alice, bob.result(DEADLINE_S)
+            over.result(SOON_S)()
+        return alice, bob.result(SOON_S)
 
 
 async def takes_part(name: str, sockets: Sockets) -> StackSocket:
     """Return the socket of an application, which is perhaps only about to take part."""
-    deadline = time.monotonic() + DEADLINE_S
-    while name not in sockets:
-        assert time.monotonic() < deadline, f"{name}'s application takes no part"
-        await asyncio.sleep(0.01)
+    await until(lambda: name in sockets)
     return sockets[name]
 
 
 def _ask(folder: Path, service: str, sockets: Sockets, options: Fields) -> Told:
     with ServiceSocket(folder / "alice.sock") as alice:
-        alice.settimeout(DEADLINE_S)
+        alice.settimeout(SOON_S)
         sockets["alice"] = alice
         try:
             list(alice.request(service, ("bob", PORT), **options))
@@ -179,14 +173,14 @@ def _accept(
     over: "Future[Callable[[], None]]",
 ) -> Told:
     with ServiceSocket(folder / "bob.sock") as listener:
-        listener.settimeout(DEADLINE_S)
+        listener.settimeout(SOON_S)
         listener.listen(PORT, service)
         over.set_result(listener.close)
         listening.set_result(None)
         bob = _connection(listener)
         if bob is None:
             return Told(QuantumSocketError(NOBODY), {})
-        bob.settimeout(DEADLINE_S)
+        bob.settimeout(SOON_S)
         sockets["bob"] = bob  # which may be closed from now on
         with bob:
             try:
@@ -199,7 +193,7 @@ def _accept(
 
 def _send(folder: Path, _service: str, sockets: Sockets, options: Fields) -> Told:
     with QuantumSocket(folder / "alice.sock") as alice:
-        alice.settimeout(DEADLINE_S)
+        alice.settimeout(SOON_S)
         sockets["alice"] = alice
         try:
             data = options.pop("data", DATA)
@@ -220,14 +214,14 @@ def _receive(
     over: "Future[Callable[[], None]]",
 ) -> Told:
     with QuantumSocket(folder / "bob.sock") as listener:
-        listener.settimeout(DEADLINE_S)
+        listener.settimeout(SOON_S)
         listener.listen(PORT)
         over.set_result(listener.close)
         listening.set_result(None)
         bob = _connection(listener)
         if bob is None:
             return Told(QuantumSocketError(NOBODY), {})
-        bob.settimeout(DEADLINE_S)
+        bob.settimeout(SOON_S)
         sockets["bob"] = bob
         got = b""
         with bob:

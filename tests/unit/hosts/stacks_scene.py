@@ -18,6 +18,7 @@ from typing import Any, Literal, TextIO
 
 import grpc
 import pytest
+from limits import SOON_S
 
 import hosts.stack
 from dispatcher.build import build_layer
@@ -68,7 +69,6 @@ NUMBERS = dict(zip((*QNICS, *REPEATERS), range(11, 99), strict=False))
 ROW, COLUMN = divmod(os.getpid() % (254 * 127), 254)
 OWN_ADDRESS = {name: f"127.{1 + COLUMN}.{2 * ROW}.{number}" for name, number in NUMBERS.items()}
 RELAYED = {name: f"127.{1 + COLUMN}.{2 * ROW + 1}.{number}" for name, number in NUMBERS.items()}
-DEADLINE_S = 30
 
 
 def same_number(opener: str, count: int) -> int:
@@ -394,7 +394,7 @@ async def live_qubits(folder: Path) -> int:
     """Return how many photons the dispatcher still holds, once hosts have had time to let go."""
     async with grpc.aio.insecure_channel(f"unix:{folder}/dispatcher.sock") as channel:
         stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
-        words = {"metadata": dispatcher_service.metadata("token of runner"), "timeout": DEADLINE_S}
+        words = {"metadata": dispatcher_service.metadata("token of runner"), "timeout": SOON_S}
         for _attempt in range(100):
             live = int((await stub.Status(StatusRequest(), **words)).live_qubits)
             if live == 0:
@@ -406,7 +406,7 @@ async def live_qubits(folder: Path) -> int:
 def transfer(folder: Path, data: bytes, **options: Any) -> tuple[bytes, dict[str, Any]]:
     """Send data from alice to bob; return what bob got and alice's statistics."""
     got = bytearray()
-    options |= {"limit_s": DEADLINE_S, "take": got.extend}
+    options |= {"limit_s": SOON_S, "take": got.extend}
     with blocking_session(stacks_in(folder), BYTES, ("alice", "bob"), 7, **options) as session:
         session.results()
         session.sendall(data)
@@ -422,7 +422,7 @@ def stacks_in(folder: Path) -> Callable[[str], str]:
 def accepted(folder: Path, service: str, listening: "Future[None]") -> dict[str, Any]:
     """Take part in a service at bob; return the summary."""
     with ServiceSocket(folder / "bob.sock") as listener:
-        listener.settimeout(DEADLINE_S)
+        listener.settimeout(SOON_S)
         listener.listen(9, service)
         listening.set_result(None)
         return taken_part(listener)
@@ -444,7 +444,7 @@ def requested(
 
     async def run() -> list[dict[str, Any]]:
         stacks = stacks_in(folder)
-        async with session(stacks, service, hosts, 9, limit_s=DEADLINE_S, **options) as asked:
+        async with session(stacks, service, hosts, 9, limit_s=SOON_S, **options) as asked:
             await asked.results()
             await asked.end()
             return [end.summary for end in (asked.opener, *await asked.heard())]
@@ -473,7 +473,7 @@ def refusal(folder: Path, service: str, judge: Judge = grant, **options: Any) ->
 
     def refused() -> str:
         with ServiceSocket(folder / "alice.sock") as asking:
-            asking.settimeout(DEADLINE_S)
+            asking.settimeout(SOON_S)
             results = asking.request(service, ("bob", 9), **options)
             with pytest.raises(QuantumSocketError) as caught:
                 list(results)

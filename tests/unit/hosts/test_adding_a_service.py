@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from limits import SOON_S
 
 ROOT = Path(__file__).resolve().parents[3]
 FOLDERS = ("wire", "programs", "hosts", "dispatcher", "qswitch_agent", "tests/unit/hosts")
@@ -62,7 +63,7 @@ def test_the_page_on_adding_a_service_adds_one(
         capture_output=True,
         text=True,
         check=False,
-        timeout=60,
+        timeout=SOON_S,
     )
     assert done.returncode == 0, done.stderr
     opener, _acceptor = json.loads(done.stdout)

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Awaitable, Callable
 
 import pytest
+from limits import SOON_S
 
 from hosts import network_loop
 from hosts.middleware.session import channel as channels
@@ -81,7 +82,7 @@ async def heard_byte_by_byte(sent: list[Message]) -> list[Message | None]:
                 await asyncio.sleep(0)
             coming.feed_data(bytes([byte]))
         coming.feed_eof()
-        heard = await asyncio.wait_for(reading, 5)
+        heard = await asyncio.wait_for(reading, SOON_S)
         channel.close()
         return heard
 

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from stacks_scene import DEADLINE_S, live_qubits, network, stacks_in
+from limits import SOON_S
+from stacks_scene import live_qubits, network, stacks_in
 
 from hosts import network_loop
 from hosts.client import blocking_session, session
@@ -38,7 +39,7 @@ def test_pairs_of_both_ends_agree_as_phi_plus_does(tmp_path: Path) -> None:
     """Both halves of Phi+ are equal in X and Z, and differ in Y."""
 
     async def run() -> dict[str, int]:
-        options: dict[str, Any] = {"limit_s": DEADLINE_S, "count": PAIRS, "sample": 0.0}
+        options: dict[str, Any] = {"limit_s": SOON_S, "count": PAIRS, "sample": 0.0}
         equal = {}
         async with network(tmp_path):
             stacks = stacks_in(tmp_path)
@@ -66,11 +67,11 @@ def test_bytes_arrive_while_others_are_sent(tmp_path: Path) -> None:
     got = bytearray()
 
     def carry() -> None:
-        options: dict[str, Any] = {"limit_s": DEADLINE_S, "take": got.extend}
+        options: dict[str, Any] = {"limit_s": SOON_S, "take": got.extend}
         with blocking_session(stacks_in(tmp_path), BYTES, ENDS, 7, **options) as carrying:
             assert carrying.results() == []
             sending = carrying.begin_to_send(data)
-            sending.result(DEADLINE_S)
+            sending.result(SOON_S)
             carrying.sendall(data)
             carrying.end()
             assert carrying.summary["delivered_bytes"] == len(got) == 2 * len(data)
@@ -83,7 +84,7 @@ def test_a_session_that_is_left_is_broken_off_and_another_one_begins(tmp_path: P
     def leave_and_return() -> None:
         stacks = stacks_in(tmp_path)
         for _turn in range(2):
-            with blocking_session(stacks, BYTES, ENDS, 7, limit_s=DEADLINE_S) as carrying:
+            with blocking_session(stacks, BYTES, ENDS, 7, limit_s=SOON_S) as carrying:
                 carrying.results()
 
     _with_network(tmp_path, leave_and_return)
@@ -94,7 +95,7 @@ def test_a_refusal_names_its_reason(tmp_path: Path) -> None:
         stacks = stacks_in(tmp_path)
         with (
             pytest.raises(QuantumSocketError, match="did you mean rate_hz") as caught,
-            blocking_session(stacks, "bb84", ENDS, 9, limit_s=DEADLINE_S, rate=7) as asked,
+            blocking_session(stacks, "bb84", ENDS, 9, limit_s=SOON_S, rate=7) as asked,
         ):
             asked.results()
         assert caught.value.reason == Reason.UNSUPPORTED
@@ -105,7 +106,7 @@ def test_a_refusal_names_its_reason(tmp_path: Path) -> None:
 def test_a_host_without_a_stack_is_named(tmp_path: Path) -> None:
     with (
         pytest.raises(QuantumSocketError, match=f"no host stack answers at {tmp_path}/bob.sock"),
-        blocking_session(stacks_in(tmp_path), BYTES, ENDS, 7, limit_s=DEADLINE_S),
+        blocking_session(stacks_in(tmp_path), BYTES, ENDS, 7, limit_s=SOON_S),
     ):
         pass
 
@@ -120,12 +121,12 @@ def test_a_stack_that_answers_nothing_is_waited_for_until_the_limit(
         blocking_session(stacks_in(tmp_path), BYTES, ENDS, 7, limit_s=0.2),
     ):
         pass
-    assert 0.2 <= time.monotonic() - began < DEADLINE_S
+    assert 0.2 <= time.monotonic() - began < SOON_S
 
 
 def test_a_stack_that_ends_is_named(tmp_path: Path, silent: Silent) -> None:
     async def run() -> None:
-        async with session(stacks_in(tmp_path), BYTES, ENDS, 7, limit_s=DEADLINE_S):
+        async with session(stacks_in(tmp_path), BYTES, ENDS, 7, limit_s=SOON_S):
             pass
 
     async def end_it() -> None:

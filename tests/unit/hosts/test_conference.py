@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from limits import SOON_S
 from line_scene import LINE as ALL
 from line_scene import summaries
-from stacks_scene import DEADLINE_S, Change, network, requested
+from stacks_scene import Change, network, requested
 
 from hosts import network_loop
 from hosts.middleware.session.values import numbers_of
@@ -177,7 +178,7 @@ def test_who_measures_and_resends_is_found(tmp_path: Path) -> None:
 
     def asked() -> str:
         with ServiceSocket(tmp_path / "eve.sock") as eve:
-            eve.settimeout(DEADLINE_S)
+            eve.settimeout(SOON_S)
             eve.intercept(1.0)
             with pytest.raises(QuantumSocketError) as caught:
                 requested(tmp_path, "conference", count=2000, line="alice,bob")

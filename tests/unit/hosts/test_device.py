@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import pytest
+from limits import SOON_S
 from stacks_scene import OWN_ADDRESS
 
 from hosts import network_loop, node_agent
@@ -43,7 +44,6 @@ from wire.monitor_messages import GiveBack, Quantity, SealOrder, SessionEstimate
 KEY = "00112233445566778899aabbccddeeff"
 SETUP = Setup(7, Service.SDC, Handshake.FRAMED, "10.0.0.3", 65_536, 256, 50_000_000)
 CONTROLLER, HOST = OWN_ADDRESS["alice"], OWN_ADDRESS["bob"]
-DEADLINE_S = 5.0
 LIVING = 0x11  # the session that the host is in
 
 
@@ -205,7 +205,7 @@ class Peer(asyncio.DatagramProtocol):
         self.transport.sendto(data, (HOST, DEVICE_PORT))
 
     async def next(self) -> Message:
-        async with asyncio.timeout(DEADLINE_S):
+        async with asyncio.timeout(SOON_S):
             return (await self.heard.get()).message
 
     async def silent(self) -> bool:

@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 from dispatcher_status import held, require_nothing_left
-from stacks_scene import DEADLINE_S, OWN_ADDRESS, Cut, arbitrated, network, refusal
+from limits import SOON_S
+from stacks_scene import OWN_ADDRESS, Cut, arbitrated, network, refusal
 
 from hosts import network_loop
 from hosts.middleware.services.distribution import protocol
@@ -51,7 +52,7 @@ def two_sockets(folder: Path) -> Iterator[tuple[ServiceSocket, "Future[ServiceSo
         ServiceSocket(folder / "alice.sock") as alice,
     ):
         for one in (listener, alice):
-            one.settimeout(DEADLINE_S)
+            one.settimeout(SOON_S)
         listener.listen(9, "distribute")
         bob = pool.submit(lambda: listener.accept()[0])
         yield alice, bob
@@ -62,7 +63,7 @@ def delivered(folder: Path, **options: Any) -> Iterator[tuple[ServiceSocket, Ser
     """Have pairs delivered; give the sockets of both ends."""
     with two_sockets(folder) as (alice, accepting):
         list(alice.request("distribute", ("bob", 9), **options))
-        with accepting.result(DEADLINE_S) as bob:
+        with accepting.result(SOON_S) as bob:
             list(bob.results())
             yield alice, bob
 
@@ -72,7 +73,7 @@ def failed(folder: Path, **options: Any) -> list[QuantumSocketError]:
     with two_sockets(folder) as (alice, accepting):
         with pytest.raises(QuantumSocketError) as at_alice:
             list(alice.request("distribute", ("bob", 9), **options))
-        with accepting.result(DEADLINE_S) as bob, pytest.raises(QuantumSocketError) as at_bob:
+        with accepting.result(SOON_S) as bob, pytest.raises(QuantumSocketError) as at_bob:
             list(bob.results())
     return [at_alice.value, at_bob.value]
 
@@ -125,9 +126,9 @@ def test_the_examples_of_the_page_get_the_same_outcomes(tmp_path: Path) -> None:
             bob = at_bob.replace('"distribute")', '"distribute"); listening.set()')
             bob = bob.replace("        list(", "        measured.set(); list(")
             asked = pool.submit(perform, "bob", bob)
-            assert events["listening"].wait(DEADLINE_S)
+            assert events["listening"].wait(SOON_S)
             perform("alice", at_alice.replace("asking.shut", "measured.wait(30); asking.shut"))
-            asked.result(DEADLINE_S)
+            asked.result(SOON_S)
         assert said["alice"][-1] == said["bob"][-1]
         assert len(said["bob"][-1]) == 4
 
@@ -274,7 +275,7 @@ def test_an_application_that_was_asked_and_goes_in_mid_protocol_ends_it(tmp_path
         with two_sockets(tmp_path) as (alice, accepting):
             results = alice.request("distribute", ("bob", 9), count=100_000, block_pairs=200)
             next(results)
-            accepting.result(DEADLINE_S).close()
+            accepting.result(SOON_S).close()
             with pytest.raises(QuantumSocketError, match="receiving application has ended"):
                 list(results)
 
@@ -286,7 +287,7 @@ def test_an_opener_that_goes_in_mid_protocol_leaves_nothing_behind(tmp_path: Pat
         with two_sockets(tmp_path) as (alice, accepting):
             next(alice.request("distribute", ("bob", 9), count=100_000, block_pairs=200))
             alice.close()
-            with accepting.result(DEADLINE_S) as bob, pytest.raises(QuantumSocketError):
+            with accepting.result(SOON_S) as bob, pytest.raises(QuantumSocketError):
                 list(bob.results())
 
     inside(tmp_path, scene)
@@ -301,7 +302,7 @@ def test_a_cut_connection_ends_the_session_at_both_ends(tmp_path: Path, count: i
         with two_sockets(tmp_path) as (alice, accepting):
             results = alice.request("distribute", ("bob", 9), count=count, block_pairs=200)
             next(results)
-            with accepting.result(DEADLINE_S) as bob:
+            with accepting.result(SOON_S) as bob:
                 if count == 100:
                     for left in (results, bob.results()):
                         list(left)
@@ -336,12 +337,12 @@ def test_an_opener_that_breaks_the_protocol_is_refused(
                 channel = await MetadataChannel.connect("bob", OWN_ADDRESS["bob"])
                 setup = Setup(5, Service.DISTRIBUTE, 1, "10.0.0.9", 16_384, 1, 1_000_000, port=9)
                 await channel.request(arbitrated(setup, "bob", channel))
-                told = await channel.receive(Values, DEADLINE_S)
+                told = await channel.receive(Values, SOON_S)
                 assert expect(told, Topic.NODE_FEATURES, 0, 7, 1 << 32).tolist()[0] == setup.pairs
                 for message in messages:
                     channel.send(message)
                 with pytest.raises(SessionError, match=words):
-                    await channel.receive(Values, DEADLINE_S)
+                    await channel.receive(Values, SOON_S)
                 channel.close()
                 with (await accepting)[0] as bob, pytest.raises(QuantumSocketError, match=words):
                     await asyncio.to_thread(list, bob.results())

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from stacks_scene import DEADLINE_S, Judge, ask, grant, network, requested
+from limits import SOON_S
+from stacks_scene import Judge, ask, grant, network, requested
 
 from hosts import network_loop
 from hosts.service_socket import ServiceSocket
@@ -64,7 +65,7 @@ def spied(folder: Path, fraction: float, **options: Any) -> list[dict[str, Any]]
 
     def asked() -> list[dict[str, Any]] | str:
         with ServiceSocket(folder / "eve.sock") as eve:
-            eve.settimeout(DEADLINE_S)
+            eve.settimeout(SOON_S)
             eve.intercept(fraction)
             try:
                 return requested(folder, "e91", count=COUNT, **options)

@@ -9,7 +9,8 @@ from threading import Event
 from typing import Any
 
 import pytest
-from stacks_scene import DEADLINE_S, accepted, network
+from limits import SOON_S
+from stacks_scene import accepted, network
 
 from hosts import network_loop
 from hosts.middleware.qkd import keyring
@@ -40,12 +41,12 @@ def keys_made(
         with ThreadPoolExecutor(1) as pool, ServiceSocket(folder / "alice.sock") as asking:
             listening: Future[None] = Future()
             bob = pool.submit(accepted, folder, protocol, listening)
-            listening.result(DEADLINE_S)
-            asking.settimeout(DEADLINE_S)
+            listening.result(SOON_S)
+            asking.settimeout(SOON_S)
             for told in asking.request(protocol, ("bob", 9), **options):
                 heard(told)
             asking.shutdown()
-            return [asking.summary, bob.result(DEADLINE_S)]
+            return [asking.summary, bob.result(SOON_S)]
 
     async def run() -> list[Told]:
         async with network(folder, paths=PATHS[protocol], **(physics or {})):
@@ -115,7 +116,7 @@ def test_a_session_goes_on_for_as_long_as_keys_are_taken_from_a_full_store(
             alice, bob = keys_made(tmp_path, "bb84", ignore, count=10 * KEY_BITS, **words)
         finally:
             over.set()
-            taking.result(DEADLINE_S)
+            taking.result(SOON_S)
     assert alice["keys"] == bob["keys"] == handed_out.count > 5 * 50
     ways = ENDS, ENDS[::-1]
     mine, theirs = ((out / host / f"{other}.keys").read_bytes() for host, other in ways)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from forked_python import Forked
+from limits import SOON_S
 from stacks_scene import network, transfer
 
 from hosts import network_loop
@@ -87,7 +88,7 @@ def spied(folder: Path, *words: str, lines: int = 0) -> tuple[list[str], str]:
         shown = [spy.stdout.readline() for _ in range(lines)]
         if lines:
             spy.send_signal(signal.SIGINT)
-        rest, said = spy.communicate(timeout=20)
+        rest, said = spy.communicate(timeout=SOON_S)
         return shown or rest.splitlines(), said
 
 

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from limits import SOON_S
 from line_scene import LINE, MEMORIES, PATHS, five_t2_late, summaries
 from numpy.typing import NDArray
-from stacks_scene import DEADLINE_S, live_qubits, network
+from stacks_scene import live_qubits, network
 
 from hosts import network_loop
 from hosts.middleware.services.ghz.line import most_states
@@ -155,7 +156,7 @@ def test_a_line_that_cannot_be_is_refused_and_leaves_no_photon(
             ServiceSocket(tmp_path / "alice.sock") as asking,
             ServiceSocket(tmp_path / "bob.sock") as listener,
         ):
-            asking.settimeout(DEADLINE_S)
+            asking.settimeout(SOON_S)
             listener.listen(9, "ghz")
             with pytest.raises(QuantumSocketError) as caught:
                 list(asking.request("ghz", ("bob", 9), count=10, line=line))

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 from forked_python import Forked
-from stacks_scene import DEADLINE_S, accepted, live_qubits, network, requested
+from limits import SOON_S
+from stacks_scene import accepted, live_qubits, network, requested
 
 from hosts import network_loop
 from hosts.hardware.replies import Received
@@ -42,7 +43,7 @@ def intercepted(folder: Path, protocol: str, fraction: float, **options: Any) ->
 
     def asked() -> Any:
         with ServiceSocket(folder / "eve.sock") as eve:
-            eve.settimeout(DEADLINE_S)
+            eve.settimeout(SOON_S)
             blocks = eve.intercept(fraction)
             told = requested(folder, protocol, **options)
             eve.shutdown()
@@ -117,14 +118,14 @@ def test_who_measures_everything_leaves_no_key_at_either_end(tmp_path: Path, pro
         ):
             listening: Future[None] = Future()
             bob = pool.submit(accepted, tmp_path, protocol, listening)
-            listening.result(DEADLINE_S)
+            listening.result(SOON_S)
             for end in (eve, alice):
-                end.settimeout(DEADLINE_S)
+                end.settimeout(SOON_S)
             blocks = eve.intercept()
             with pytest.raises(QuantumSocketError) as hers:
                 list(alice.request(protocol, ("bob", 9), count=20_000))
             with pytest.raises(QuantumSocketError) as his:
-                bob.result(DEADLINE_S)
+                bob.result(SOON_S)
             first = next(blocks)
             assert first["zeros"] + first["ones"] == first["photons"] > 0
             return str(hers.value), str(his.value)
@@ -148,12 +149,12 @@ def test_light_stops_at_a_host_on_the_fibre_that_does_nothing(tmp_path: Path) ->
         with ThreadPoolExecutor(1) as pool, ServiceSocket(tmp_path / "alice.sock") as alice:
             listening: Future[None] = Future()
             bob = pool.submit(accepted, tmp_path, "bb84", listening)
-            listening.result(DEADLINE_S)
-            alice.settimeout(DEADLINE_S)
+            listening.result(SOON_S)
+            alice.settimeout(SOON_S)
             with pytest.raises(QuantumSocketError) as caught:
                 list(alice.request("bb84", ("bob", 9), count=100))
             with pytest.raises(QuantumSocketError):
-                bob.result(DEADLINE_S)
+                bob.result(SOON_S)
             return str(caught.value)
 
     async def run() -> str:
@@ -175,7 +176,7 @@ def test_the_application_tells_what_was_seen_when_it_is_told_to_end(tmp_path: Pa
                 alice, _bob = requested(tmp_path, "bb84", count=20_000)
             finally:
                 eve.send_signal(signal.SIGTERM)
-            said, _ = eve.communicate(timeout=DEADLINE_S)
+            said, _ = eve.communicate(timeout=SOON_S)
         return [begun, *map(json.loads, said.splitlines())], alice, eve.returncode
 
     async def run() -> tuple[list[dict[str, Any]], dict[str, Any], int]:
@@ -220,7 +221,7 @@ def test_what_cannot_be_asked_is_refused_with_the_remedy(
 ) -> None:
     def refused() -> str:
         with ServiceSocket(tmp_path / f"{host}.sock") as asking:
-            asking.settimeout(DEADLINE_S)
+            asking.settimeout(SOON_S)
             with pytest.raises(QuantumSocketError) as caught:
                 asking.intercept(**options)
             return str(caught.value)

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from limits import SOON_S
 from stacks_scene import (
-    DEADLINE_S,
     Change,
     Judge,
     accepted,
@@ -87,13 +87,13 @@ def failure(
         with ThreadPoolExecutor(1) as pool, ServiceSocket(folder / "alice.sock") as asking:
             listening: Future[None] = Future()
             bob = pool.submit(accepted, folder, protocol, listening)
-            listening.result(DEADLINE_S)
-            asking.settimeout(DEADLINE_S)
+            listening.result(SOON_S)
+            asking.settimeout(SOON_S)
             told: list[dict[str, Any]] = []
             with pytest.raises(QuantumSocketError) as caught:
                 told.extend(asking.request(protocol, ("bob", 9), **{"count": COUNT, **options}))
             with pytest.raises(QuantumSocketError) as theirs:
-                bob.result(DEADLINE_S)
+                bob.result(SOON_S)
         return Failed(str(caught.value), str(theirs.value), told, 0)
 
     async def run() -> Failed:

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stacks_scene import DEADLINE_S, Judge, ask, grant, network, requested
+from limits import SOON_S
+from stacks_scene import Judge, ask, grant, network, requested
 
 from evidence.curves.relay_theory import diagonal, rectilinear
 from hosts.middleware.session.values import numbers_of, values
@@ -113,7 +114,7 @@ def test_who_measures_on_the_way_to_the_relay_is_seen(tmp_path: Path) -> None:
 
     def asked() -> list[dict[str, Any]]:
         with ServiceSocket(tmp_path / "eve.sock") as eve:
-            eve.settimeout(DEADLINE_S)
+            eve.settimeout(SOON_S)
             eve.intercept(fraction)
             return requested(tmp_path, "mdi", count=COUNT)
 

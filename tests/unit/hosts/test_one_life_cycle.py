@@ -8,7 +8,8 @@ from typing import Any, TypeVar
 
 import pytest
 from fault_scene import DATA, SERVICES, SESSIONS, running, session
-from stacks_scene import DEADLINE_S, network
+from limits import SOON_S
+from stacks_scene import network
 
 from hosts import network_loop
 from hosts.middleware.services import KINDS, NAMES
@@ -59,7 +60,7 @@ def test_a_session_is_counted_at_both_its_ends_while_it_runs(tmp_path: Path, ser
 def test_a_refused_option_is_named_by_every_service(tmp_path: Path, service: str) -> None:
     def ask() -> str:
         with ServiceSocket(tmp_path / "alice.sock") as alice:
-            alice.settimeout(DEADLINE_S)
+            alice.settimeout(SOON_S)
             with pytest.raises(QuantumSocketError) as caught:
                 list(alice.request(service, ("bob", 9), rate=7))
         return str(caught.value)
@@ -74,12 +75,12 @@ def test_bytes_go_through_the_socket_of_services_too(tmp_path: Path) -> None:
         with ThreadPoolExecutor(1) as pool, ServiceSocket(tmp_path / "alice.sock") as alice:
             listening: Future[None] = Future()
             bob = pool.submit(_accepted, tmp_path, listening)
-            listening.result(DEADLINE_S)
-            alice.settimeout(DEADLINE_S)
+            listening.result(SOON_S)
+            alice.settimeout(SOON_S)
             assert list(alice.request("sdc", ("bob", 9))) == []
             assert not alice.over
             alice.shutdown()
-            assert bob.result(DEADLINE_S)["bytes"] == 0
+            assert bob.result(SOON_S)["bytes"] == 0
             return alice.summary, alice.over
 
     summary, over = _with_network(tmp_path, ask)
@@ -89,7 +90,7 @@ def test_bytes_go_through_the_socket_of_services_too(tmp_path: Path) -> None:
 
 def _accepted(folder: Path, listening: "Future[None]") -> dict[str, Any]:
     with ServiceSocket(folder / "bob.sock") as listener:
-        listener.settimeout(DEADLINE_S)
+        listener.settimeout(SOON_S)
         listener.listen(9, "sdc")
         listening.set_result(None)
         connection, _peer = listener.accept()

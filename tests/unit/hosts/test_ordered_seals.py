@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any, cast
 
 import pytest
-from stacks_scene import DEADLINE_S, OWN_ADDRESS, RELAYED, grant, network
+from limits import SOON_S
+from stacks_scene import OWN_ADDRESS, RELAYED, grant, network
 
 from hosts import network_loop
 from hosts.middleware.session.session import OpeningSession
@@ -30,7 +31,7 @@ AT_BOB = replace(AT_ALICE, opener="127.0.0.1", acceptor=OWN_ADDRESS["bob"])
 
 async def told(stack: Stack, enough: Callable[[DeviceReport], bool]) -> DeviceReport:
     """Return a host's report as soon as it says something."""
-    async with asyncio.timeout(DEADLINE_S):
+    async with asyncio.timeout(SOON_S):
         while not enough(report := stack.device.report()):
             await asyncio.sleep(0.005)
         return report
@@ -75,7 +76,7 @@ def test_an_intruder_on_the_way_is_told_to_the_controller(tmp_path: Path) -> Non
         stacks: dict[str, Stack] = {}
         async with network(tmp_path, paths=BY_EVE, stacks=stacks):
             with ServiceSocket(tmp_path / "eve.sock") as eve:
-                eve.settimeout(DEADLINE_S)
+                eve.settimeout(SOON_S)
                 await asyncio.to_thread(eve.intercept, 1.0)
                 await order(stacks, 100_000)
                 return await told(stacks["alice"], lambda report: report.seal == SEAL)

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from limits import SOON_S
 from numpy.typing import NDArray
-from stacks_scene import DEADLINE_S, live_qubits, network, requested
+from stacks_scene import live_qubits, network, requested
 
 from hosts import network_loop
 from hosts.middleware.qkd.alice import Alice
@@ -72,7 +73,7 @@ def attacked(
 
     def asked() -> tuple[list[dict[str, Any]] | str, dict[str, Any]]:
         with ServiceSocket(folder / "eve.sock") as eve:
-            eve.settimeout(DEADLINE_S)
+            eve.settimeout(SOON_S)
             if not by_eve:
                 return told(), {}
             eve.intercept(attack="split", expected_db=expected_db)
@@ -158,7 +159,7 @@ def test_decoys_find_her_where_there_is_a_key_without_her(tmp_path: Path) -> Non
 def test_what_has_no_room_in_the_memory_is_let_go(tmp_path: Path) -> None:
     def asked() -> dict[str, Any]:
         with ServiceSocket(tmp_path / "eve.sock") as eve:
-            eve.settimeout(DEADLINE_S)
+            eve.settimeout(SOON_S)
             eve.intercept(attack="split")
             requested(tmp_path, "bb84", count=20_000, block_pairs=10_000)
             eve.shutdown()
@@ -178,7 +179,7 @@ def test_what_has_no_room_in_the_memory_is_let_go(tmp_path: Path) -> None:
 def test_a_host_without_a_memory_cannot_split(tmp_path: Path) -> None:
     def asked() -> str:
         with ServiceSocket(tmp_path / "eve.sock") as eve:
-            eve.settimeout(DEADLINE_S)
+            eve.settimeout(SOON_S)
             with pytest.raises(QuantumSocketError) as caught:
                 eve.intercept(attack="split")
             return str(caught.value)

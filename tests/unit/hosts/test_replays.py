@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 from fault_scene import DATA, PORT, SERVICES, Once, require_no_session, running, session
-from stacks_scene import DEADLINE_S, OWN_ADDRESS, arbitrated, grant
+from limits import SOON_S
+from stacks_scene import OWN_ADDRESS, arbitrated, grant
 
 from hosts import network_loop
 from hosts.middleware.services.key_distribution import acceptor as key_acceptor
@@ -187,7 +188,7 @@ def test_a_service_that_nobody_knows_is_refused_by_its_number(tmp_path: Path, nu
             assert data[HEADER.size] == Service.TELEPORT
             data[HEADER.size] = number
             writer.write(bytes(data))
-            answer = decode(await asyncio.wait_for(reader.read(), DEADLINE_S))
+            answer = decode(await asyncio.wait_for(reader.read(), SOON_S))
             writer.close()
             assert isinstance(answer, Answer)
             return answer
@@ -226,10 +227,10 @@ def test_who_has_been_granted_nothing_gets_no_light_and_holds_nothing(
 
 
 def _outcome(listener: QuantumSocket | ServiceSocket) -> str:
-    listener.settimeout(DEADLINE_S)
+    listener.settimeout(SOON_S)
     accepted, _peer = listener.accept()
     with accepted:
-        accepted.settimeout(DEADLINE_S)
+        accepted.settimeout(SOON_S)
         try:
             if isinstance(accepted, ServiceSocket):
                 list(accepted.results())
@@ -262,7 +263,7 @@ def test_a_source_makes_no_more_than_was_granted(
             await channel.request(arbitrated(setup, "charlie", channel))
             channel.send(emit)
             with pytest.raises(SessionError) as caught:
-                await channel.receive(Answer, DEADLINE_S)
+                await channel.receive(Answer, SOON_S)
             channel.close()
             assert caught.value.reason == reason
             assert words in str(caught.value)

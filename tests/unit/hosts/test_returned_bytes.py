@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from stacks_scene import DEADLINE_S, live_qubits, network
+from limits import SOON_S
+from stacks_scene import live_qubits, network
 
 from hosts import network_loop
 from hosts.quantum_socket import QuantumSocket
@@ -26,7 +27,7 @@ def returned(folder: Path) -> tuple[bytes, dict[str, int]]:
         QuantumSocket(folder / "alice.sock") as sender,
     ):
         for each in (listener, sender):
-            each.settimeout(DEADLINE_S)
+            each.settimeout(SOON_S)
         listener.listen(7, "sdc_return")
         assert list(sender.request("sdc_return", ("bob", 7), frame_bytes=64)) == []
         receiver, _peer = listener.accept()

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stacks_scene import DEADLINE_S, ask, grant, network, refusal, requested
+from limits import SOON_S
+from stacks_scene import ask, grant, network, refusal, requested
 
 from hosts import network_loop
 from hosts.middleware.services.key_distribution import light
@@ -136,7 +137,7 @@ def test_who_measures_on_the_way_breaks_the_seal(tmp_path: Path) -> None:
 
     def asked() -> Any:
         with ServiceSocket(tmp_path / "eve.sock") as eve:
-            eve.settimeout(DEADLINE_S)
+            eve.settimeout(SOON_S)
             blocks = eve.intercept(1.0)
             told = requested(tmp_path, "seal", count=100_000, **QUICK)
             eve.shutdown()

@@ -11,7 +11,8 @@ from typing import Any
 import grpc
 import numpy as np
 import pytest
-from stacks_scene import DEADLINE_S, OWN_ADDRESS, PORTS, QNICS, Judge, grant, network, transfer
+from limits import SOON_S
+from stacks_scene import OWN_ADDRESS, PORTS, QNICS, Judge, grant, network, transfer
 
 from hosts import network_loop
 from hosts.hardware.operations import BlockName
@@ -300,7 +301,7 @@ async def photons_lost(dispatcher: str, port: int) -> int:
 def test_a_sender_that_gives_up_in_mid_send_ends_the_session_at_once(tmp_path: Path) -> None:
     def give_up(folder: Path) -> None:
         with QuantumSocket(folder / "bob.sock") as listener:
-            listener.settimeout(DEADLINE_S)
+            listener.settimeout(SOON_S)
             listener.listen(7)
             with QuantumSocket(folder / "alice.sock") as sender:
                 sender.connect(("bob", 7), rate_hz=1000, block_pairs=4000)
@@ -420,14 +421,14 @@ def test_who_waits_at_a_port_that_is_closed_is_told(tmp_path: Path) -> None:
     def act() -> None:
         with ThreadPoolExecutor(1) as pool:
             listener = QuantumSocket(tmp_path / "bob.sock")
-            listener.settimeout(DEADLINE_S)
+            listener.settimeout(SOON_S)
             listener.listen(7)
             waiting = pool.submit(listener.accept)
             with pytest.raises(TimeoutError):
                 waiting.result(0.2)
             listener.close()
             with pytest.raises(QuantumSocketError, match="listens on port 7 has been closed"):
-                waiting.result(DEADLINE_S)
+                waiting.result(SOON_S)
 
     on_network(tmp_path, act)
 
@@ -440,7 +441,7 @@ def test_a_missing_stack_is_named(tmp_path: Path) -> None:
 def test_lists_in_lists_without_end_are_an_error_of_that_application_alone(tmp_path: Path) -> None:
     def ask(_folder: Path) -> str:
         with socket.socket(socket.AF_UNIX) as application:
-            application.settimeout(DEADLINE_S)
+            application.settimeout(SOON_S)
             application.connect(str(tmp_path / "bob.sock"))
             application.sendall(encode(Call.REQUEST, b"[" * 100_000))
             stream = application.makefile("rb")
@@ -462,7 +463,7 @@ def test_rubbish_on_the_metadata_port_ends_that_connection_alone(tmp_path: Path)
         async with network(tmp_path):
             reader, writer = await asyncio.open_connection(OWN_ADDRESS["bob"], METADATA_PORT)
             writer.write(b"GET / HTTP/1.1\r\n\r\n")
-            answer = decode(await asyncio.wait_for(reader.read(), DEADLINE_S))
+            answer = decode(await asyncio.wait_for(reader.read(), SOON_S))
             assert getattr(answer, "reason", None) == Reason.PROTOCOL
             writer.close()
             got, _ = await asyncio.to_thread(transfer, tmp_path, b"still here")

@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 from chain_scene import Stacks, chain, order_swaps
 from dispatcher_status import held, require_nothing_left
-from stacks_scene import DEADLINE_S, OWN_ADDRESS, RELAYED, Change, grant, sealed
+from limits import SOON_S, until
+from stacks_scene import OWN_ADDRESS, RELAYED, Change, grant, sealed
 
 from hosts import network_loop
 from hosts.middleware.session import swap_orders
@@ -45,15 +46,13 @@ def inside(folder: Path, repeaters: int, scene: Callable[[], None], **options: A
 
 async def require_no_orders(stacks: Stacks) -> None:
     """Fail if a node does not forget what it was ordered, once it has said why the chain ended."""
-    async with asyncio.timeout(DEADLINE_S):
-        while any(stack.swaps.sessions for stack in stacks.values()):
-            await asyncio.sleep(0.02)
+    await until(lambda: not any(stack.swaps.sessions for stack in stacks.values()))
 
 
 def at_bob(folder: Path, listening: "Future[None]", sockets: "Future[ServiceSocket]") -> str:
     """Listen at bob; return why it failed, "" if it did not."""
     with ServiceSocket(folder / "bob.sock") as listener:
-        listener.settimeout(DEADLINE_S)
+        listener.settimeout(SOON_S)
         listener.listen(PORT, "swap")
         listening.set_result(None)
         bob, _peer = listener.accept()
@@ -75,16 +74,16 @@ def asked(
         listening: Future[None] = Future()
         sockets: Future[ServiceSocket] = Future()
         bob = pool.submit(at_bob, folder, listening, sockets)
-        listening.result(DEADLINE_S)
-        alice.settimeout(DEADLINE_S)
+        listening.result(SOON_S)
+        alice.settimeout(SOON_S)
         why = ""
         try:
             list(alice.request("swap", ("bob", PORT), **options))
-            use(alice, sockets.result(DEADLINE_S))
+            use(alice, sockets.result(SOON_S))
             alice.shutdown()
         except QuantumSocketError as error:
             why = str(error)
-        return [why, bob.result(DEADLINE_S)]
+        return [why, bob.result(SOON_S)]
 
 
 def nothing(_alice: ServiceSocket, _bob: ServiceSocket) -> None:
@@ -186,11 +185,11 @@ def test_an_application_that_goes_in_mid_protocol_leaves_nothing_on_any_node(
             listening: Future[None] = Future()
             sockets: Future[ServiceSocket] = Future()
             bob = pool.submit(at_bob, tmp_path, listening, sockets)
-            listening.result(DEADLINE_S)
-            alice.settimeout(DEADLINE_S)
+            listening.result(SOON_S)
+            alice.settimeout(SOON_S)
             next(alice.request("swap", ("bob", PORT), count=1_000_000, block_pairs=500))
             alice.close()
-            assert bob.result(DEADLINE_S)
+            assert bob.result(SOON_S)
 
     inside(tmp_path, 2, scene)
 

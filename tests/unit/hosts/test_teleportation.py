@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from stacks_scene import DEADLINE_S, Judge, accepted, ask, grant, network, refusal
+from limits import SOON_S
+from stacks_scene import Judge, accepted, ask, grant, network, refusal
 
 from dispatcher.sabot import capacity
 from hosts import network_loop
@@ -60,12 +61,12 @@ def failure(folder: Path, physics: dict[str, Any], **options: Any) -> tuple[str,
         with ThreadPoolExecutor(1) as pool, ServiceSocket(folder / "alice.sock") as asking:
             listening: Future[None] = Future()
             bob = pool.submit(accepted, folder, "teleport", listening)
-            listening.result(DEADLINE_S)
-            asking.settimeout(DEADLINE_S)
+            listening.result(SOON_S)
+            asking.settimeout(SOON_S)
             with pytest.raises(QuantumSocketError) as caught:
                 list(asking.request("teleport", ("bob", 9), **options))
             with pytest.raises(QuantumSocketError) as theirs:
-                bob.result(DEADLINE_S)
+                bob.result(SOON_S)
         return str(caught.value), str(theirs.value)
 
     async def run() -> tuple[str, str]:

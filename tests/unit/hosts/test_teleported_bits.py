@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stacks_scene import DEADLINE_S, Change, accepted, network, requested
+from limits import SOON_S
+from stacks_scene import Change, accepted, network, requested
 
 from hosts import network_loop
 from hosts.middleware.session.values import numbers_of, values
@@ -104,8 +105,8 @@ def test_if_the_bits_never_come_nothing_is_done_to_the_halves_and_both_ends_are_
         with ThreadPoolExecutor(1) as pool, ServiceSocket(tmp_path / "alice.sock") as asking:
             listening: Future[None] = Future()
             bob = pool.submit(accepted, tmp_path, "teleport", listening)
-            listening.result(DEADLINE_S)
-            asking.settimeout(DEADLINE_S)
+            listening.result(SOON_S)
+            asking.settimeout(SOON_S)
             for end in (lambda: list(asking.request("teleport", ("bob", 9))), bob.result):
                 with pytest.raises(QuantumSocketError, match="closed"):
                     end()

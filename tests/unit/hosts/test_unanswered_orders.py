@@ -10,6 +10,7 @@ from typing import Any
 import grpc
 import pytest
 import uvloop
+from limits import SOON_S
 
 from hosts.hardware import orders
 from hosts.hardware.orders import Orders
@@ -21,7 +22,6 @@ from wire.dispatcher_pb2_grpc import (
     add_DispatcherServicer_to_server,
 )
 
-DEADLINE_S = 20.0
 PATIENCE_S = 0.2
 TOLD = Step(tell=TellRequest(text="unheard"))
 ANSWERED = Step(tell=TellRequest(text="heard"))
@@ -54,7 +54,7 @@ def test_what_the_dispatcher_does_not_answer_is_given_up_and_cancelled(
         add_DispatcherServicer_to_server(dispatcher, server)  # type: ignore[no-untyped-call]
         port = server.add_insecure_port("127.0.0.1:0")
         await server.start()
-        async with asyncio.timeout(DEADLINE_S), grpc.aio.insecure_channel(f"127.0.0.1:{port}") as c:
+        async with asyncio.timeout(SOON_S), grpc.aio.insecure_channel(f"127.0.0.1:{port}") as c:
             given = Orders(DispatcherStub(c), "token")  # type: ignore[no-untyped-call]
             earlier = asyncio.create_task(given.perform(TOLD))
             await asyncio.sleep(0)
@@ -74,7 +74,7 @@ class ForgetfulDispatcher(SilentDispatcher):
     """Does not even answer who asks for its challenge."""
 
     async def Challenge(self, _request: ChallengeRequest, _context: Any) -> ChallengeReply:
-        await asyncio.sleep(DEADLINE_S)
+        await asyncio.sleep(SOON_S)
         return ChallengeReply()
 
 
@@ -88,7 +88,7 @@ def test_a_dispatcher_that_gives_no_challenge_is_told_to_be_silent(
         add_DispatcherServicer_to_server(ForgetfulDispatcher(), server)  # type: ignore[no-untyped-call]
         port = server.add_insecure_port("127.0.0.1:0")
         await server.start()
-        async with asyncio.timeout(DEADLINE_S), grpc.aio.insecure_channel(f"127.0.0.1:{port}") as c:
+        async with asyncio.timeout(SOON_S), grpc.aio.insecure_channel(f"127.0.0.1:{port}") as c:
             with pytest.raises(grpc.aio.AioRpcError) as caught:
                 await orders.proved(DispatcherStub(c), "token", "Perform")  # type: ignore[no-untyped-call]
             assert orders.problem_of(caught.value) == "no answer in 0.2 s"

@@ -6,7 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from stacks_scene import DEADLINE_S, OWN_ADDRESS, arbitrated, grant, network, sealed
+from limits import SOON_S
+from stacks_scene import OWN_ADDRESS, arbitrated, grant, network, sealed
 
 from hosts import network_loop
 from hosts.middleware import verdicts
@@ -66,10 +67,10 @@ def test_a_verdict_that_is_not_the_controllers_takes_no_listener(
                 channel.close()
                 # The listener is still there for what the controller grants.
                 channel = await MetadataChannel.connect("bob", OWN_ADDRESS["bob"])
-                answer = await channel.request(arbitrated(SETUP, "bob", channel), DEADLINE_S)
+                answer = await channel.request(arbitrated(SETUP, "bob", channel), SOON_S)
                 said = Answer(SETUP.session, Reason.OK, wavelength_pm=SETUP.wavelength_pm)
                 assert answer == said
-                await channel.receive(Values, DEADLINE_S)
+                await channel.receive(Values, SOON_S)
                 channel.close()
 
     network_loop.run(run())

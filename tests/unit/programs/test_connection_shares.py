@@ -11,6 +11,7 @@ from contextlib import ExitStack, closing, contextmanager
 import grpc
 import pytest
 import uvloop
+from limits import SOON_S, until
 
 from programs import connection_shares
 from programs.connection_shares import (
@@ -26,7 +27,6 @@ from programs.connection_shares import (
 from programs.local_users import LocalUsers
 
 OF_ONE, ALL = 4, 10
-DEADLINE_S = 20
 MAX_CONCURRENT_STREAMS = struct.Struct("!HI")  # a setting of HTTP/2: RFC 9113, 6.5.2
 LOOPS = pytest.mark.parametrize("loop", [asyncio.new_event_loop, uvloop.new_event_loop])
 
@@ -41,7 +41,7 @@ def _small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def connected(address: tuple[str, int], host: int) -> socket.socket:
     """Return a connection of a host that waits for an answer."""
-    return socket.create_connection(address, DEADLINE_S, source_address=(f"127.0.0.{host}", 0))
+    return socket.create_connection(address, SOON_S, source_address=(f"127.0.0.{host}", 0))
 
 
 def is_closed(connection: socket.socket) -> bool:
@@ -192,9 +192,7 @@ def test_grpc_keeps_the_share_too() -> None:
             other = stack.enter_context(connected(address, 3))
             greeting = await asyncio.to_thread(other.recv, 1 << 16)
             assert MAX_CONCURRENT_STREAMS.pack(3, STREAMS) in greeting
-            async with asyncio.timeout(DEADLINE_S):
-                while sum(map(lasts, theirs)) > OF_ONE:
-                    await asyncio.sleep(0.01)
+            await until(lambda: sum(map(lasts, theirs)) <= OF_ONE)
             assert lasts(other)
             assert sum(map(lasts, theirs)) == OF_ONE
         sharing.cancel()

@@ -5,6 +5,7 @@ import socket
 import urllib.request
 
 import pytest
+from limits import SOON_S
 from prometheus_client import CollectorRegistry, Counter
 from prometheus_client.parser import text_string_to_metric_families
 
@@ -67,7 +68,7 @@ def test_a_server_answers_on_the_socket_that_it_is_handed(
         long, second = await asyncio.open_connection(*address.split(":"))
         second.write(bytes(metrics.MAX_HEAD_BYTES + 64))
         url = f"http://{address}/metrics"
-        text = await asyncio.to_thread(lambda: urllib.request.urlopen(url, timeout=5).read())
+        text = await asyncio.to_thread(lambda: urllib.request.urlopen(url, timeout=SOON_S).read())
         assert b"photons_total 7.0" in text
         assert (await long.read()).startswith(b"HTTP/1.1 400")
         assert await silent.read() == b""  # its time was over

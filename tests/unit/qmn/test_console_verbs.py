@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from limits import SOON_S
 
 from qmn.changes.controller import set_host
 from qmn.running import controller_console, light_paths, tables
@@ -118,7 +119,7 @@ def console(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[An
         server.start()
         yield answers
         listener.shutdown(socket.SHUT_RDWR)
-    server.join(5)
+    server.join(SOON_S)
 
 
 def lines(text: str) -> list[list[str]]:

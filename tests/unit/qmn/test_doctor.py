@@ -7,6 +7,7 @@ import sys
 from typing import Any
 
 import pytest
+from limits import SOON_S
 
 from qmn.running import machine
 from qmn.running.machine import FAILS, LIMITED, UNCHECKED, WORKS, Finding
@@ -21,7 +22,7 @@ def run(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
         capture_output=True,
         text=True,
         check=False,
-        timeout=100,
+        timeout=SOON_S,
         env={**os.environ, **environment},
     )
 

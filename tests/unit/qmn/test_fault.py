@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from forked_python import Forked
+from limits import SOON_S
 
 from qmn.__main__ import described
 from qmn.changes import fault
@@ -18,8 +19,6 @@ from topologies.system.processes.owners import owner
 from topologies.system.processes.programs import NetworkError
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_service import RUNNER
-
-DEADLINE_S = 10.0
 
 
 @contextmanager
@@ -70,7 +69,7 @@ def run(
 
 def logged(log: Path, text: str, count: int) -> list[str]:
     """Return the lines of an event log that have a text, once there are so many: it is late."""
-    deadline = time.monotonic() + DEADLINE_S
+    deadline = time.monotonic() + SOON_S
     while True:
         found = [line for line in log.read_text().splitlines() if text in line]
         if len(found) == count:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from limits import SOON_S
 
 from qmn.__main__ import described
 from qmn.needs import Needs, needs_of
@@ -34,7 +35,7 @@ def said(*command: object, **options: object) -> subprocess.CompletedProcess[str
     """Run a command to its end."""
     words = [str(word) for word in command]
     return subprocess.run(  # type: ignore[call-overload, no-any-return]
-        words, capture_output=True, text=True, check=False, timeout=60, **options
+        words, capture_output=True, text=True, check=False, timeout=SOON_S, **options
     )
 
 
@@ -226,6 +227,6 @@ def test_ctrl_c_while_it_loads_ends_it_without_a_traceback(after_s: float) -> No
         with suppress(subprocess.TimeoutExpired):
             process.wait(after_s)
         os.killpg(process.pid, signal.SIGINT)
-        _, errors = process.communicate(timeout=60)
+        _, errors = process.communicate(timeout=SOON_S)
     assert errors == b""
     assert process.returncode in (-signal.SIGINT, 130)  # of Python, and of the script before it

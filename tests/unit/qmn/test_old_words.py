@@ -6,6 +6,7 @@ import sys
 
 import pytest
 from documentation import ROOT
+from limits import SOON_S
 
 from qmn.__main__ import VERBS as VERBS_OF_TODAY
 from qmn.old_words import VERBS, translated
@@ -89,6 +90,8 @@ def test_every_old_verb_is_tried_and_is_no_verb() -> None:
 
 def test_a_command_in_old_words_runs() -> None:
     command = [sys.executable, "-m", "qmn", "demo"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT, timeout=60)
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=True, cwd=ROOT, timeout=SOON_S
+    )
     assert done.stdout.startswith("congestion ")
     assert done.stderr == "note: these words are old; the new ones: qmn lab demo\n"

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from documentation import NAMES, ROOT, blocks, commands, without_numbers
+from limits import SOON_S
 
 from qmn.__main__ import described
 
@@ -153,7 +154,7 @@ def test_circuits_print_what_the_page_says(tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         check=True,
-        timeout=60,
+        timeout=SOON_S,
     )
     assert [line.rstrip() for line in done.stdout.splitlines()] == shown.splitlines()
 

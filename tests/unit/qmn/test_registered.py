@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from limits import SOON_S
+
 ROOT = Path(__file__).resolve().parents[3]
 PACKAGE = """
 import sys
@@ -33,7 +35,7 @@ def qmn(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """Run qmn where this folder is one of Python's."""
     environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{folder}"}
     command = [sys.executable, "-m", "qmn", *words]
-    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=SOON_S)
 
 
 def test_an_installed_package_has_a_verb_of_its_own(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import forked_python
 import pytest
+from limits import SOON_S
 
 from dispatcher.build import open_layer
 from dispatcher.clock import NetworkClock
@@ -17,8 +18,6 @@ from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import BlockId, CreateRequest, Launch, MeasureRequest, SendRequest
 from wire.dispatcher_record import MAGIC
 from wire.parameters.physics import Device, PairSource
-
-DEADLINE_S = 30
 
 
 @pytest.fixture
@@ -69,7 +68,7 @@ def recorded_run(
 def replay(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
     """Run the command."""
     command = [sys.executable, "-m", "qmn", "replay", str(folder), *options]
-    return forked_python.run(command, DEADLINE_S)
+    return forked_python.run(command, SOON_S)
 
 
 def test_a_run_is_identical(run_folder: Path) -> None:

@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from limits import SOON_S
 
 from qmn.verbs.script import MODULE
 
@@ -23,7 +24,12 @@ def run(file: Path, text: str, *words: str) -> subprocess.CompletedProcess[str]:
     file.write_text(text)
     command = [sys.executable, "-P", "-m", MODULE, str(file), *words]
     return subprocess.run(
-        command, cwd=ROOT, env={"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, timeout=60
+        command,
+        cwd=ROOT,
+        env={"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=SOON_S,
     )
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import grpc
 import pytest
 from forked_python import Forked
+from limits import SOON_S
 
 from hosts.quantum_socket import STACK_VARIABLE
 from qmn.running import network as running
@@ -75,7 +76,7 @@ class Scene:
         with grpc.insecure_channel(f"unix:{self.folder}/d.sock") as channel:
             stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
             token = metadata(f"token of {node}")
-            for outcome in stub.Perform(iter(orders), metadata=token, timeout=10):
+            for outcome in stub.Perform(iter(orders), metadata=token, timeout=SOON_S):
                 assert not outcome.code, outcome.text
 
     def spy(self, *words: str) -> subprocess.Popen[str]:
@@ -90,7 +91,7 @@ class Scene:
     def spied(self, *words: str) -> tuple[int, list[str], str]:
         """Run the verb to its end; return status, lines and what it says of itself."""
         with self.spy(*words) as process:
-            lines, said = process.communicate(timeout=30)
+            lines, said = process.communicate(timeout=SOON_S)
         return process.returncode, lines.splitlines(), said
 
 
@@ -170,7 +171,7 @@ def test_an_attached_spy_sees_events_as_they_happen_and_ends_with_the_network(
         lines = [process.stdout.readline() for _ in range(3)]
         assert all("session=0000000000000002" in line for line in lines)
         scene.process.terminate()
-        rest, said = process.communicate(timeout=20)
+        rest, said = process.communicate(timeout=SOON_S)
         assert (process.returncode, rest) == (0, "")
         assert said == "qmn: 6 events shown, 0 dropped\n"
 
@@ -184,7 +185,7 @@ def test_ctrl_c_ends_it_cleanly(scene: Scene, attached: bool) -> None:
         for _ in range(3):
             process.stdout.readline()
         process.send_signal(signal.SIGINT)
-        rest, said = process.communicate(timeout=20)
+        rest, said = process.communicate(timeout=SOON_S)
         assert (process.returncode, rest) == (0, "")
         assert said == "qmn: 3 events shown, 0 dropped\n"
 
@@ -195,7 +196,7 @@ def test_a_closed_pipe_ends_it_without_a_word(scene: Scene) -> None:
         assert process.stdout
         assert process.stderr
         process.stdout.close()
-        assert process.wait(timeout=20) == 128 + signal.SIGPIPE
+        assert process.wait(timeout=SOON_S) == 128 + signal.SIGPIPE
         assert process.stderr.read() == ""
 
 
@@ -212,7 +213,7 @@ def test_a_spy_that_does_not_read_is_told_what_was_dropped(scene: Scene) -> None
             shown += kinds([process.stdout.readline()])
         scene.process.terminate()
         shown += kinds(process.stdout.read().splitlines())
-        assert process.wait(timeout=20) == 0
+        assert process.wait(timeout=SOON_S) == 0
         assert process.stderr
         said = process.stderr.read()
     assert "dropped" in shown, said
@@ -247,7 +248,7 @@ def test_what_the_networks_end_takes_from_a_slow_spy_is_counted(
         ended = ends_within(scene.process, 4.5)  # the runner waits for 5 s
         os.kill(process.pid, signal.SIGCONT)
         process.stdout.read()
-        assert process.wait(timeout=20) == 0
+        assert process.wait(timeout=SOON_S) == 0
         assert process.stderr
         said = process.stderr.read().split()
     count, dropped = (int(said[place].replace(",", "")) for place in (1, 4))
@@ -263,7 +264,7 @@ def test_a_spy_that_keeps_up_loses_nothing_at_the_end(scene: Scene) -> None:
         for _ in range(9):
             process.stdout.readline()
         scene.process.terminate()
-        rest, said = process.communicate(timeout=20)
+        rest, said = process.communicate(timeout=SOON_S)
     assert (rest, said) == ("", "qmn: 9 events shown, 0 dropped\n")
 
 
@@ -277,7 +278,7 @@ def test_following_a_run_ends_when_it_has_left_its_result(scene: Scene) -> None:
         for _ in range(3):
             assert "session=0000000000000002" in process.stdout.readline()
         (scene.folder / "result.json").touch()
-        assert process.wait(timeout=20) == 0
+        assert process.wait(timeout=SOON_S) == 0
 
 
 def test_without_following_the_running_network_shows_what_was(scene: Scene) -> None:

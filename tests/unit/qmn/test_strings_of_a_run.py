@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from forked_python import run as run_python
+from limits import SOON_S
 from recorded_run import NETWORK, events, record_run
 
 from dispatcher.layer.history import EventCapture
@@ -25,7 +26,6 @@ HOSTILE = '<i/onload="a">&\'\x1b]0;owned\x07\x9b2J\x00$\\frac$[/x]'
 IN_A_NAME = HOSTILE.replace("/", " ").replace("\0", "")  # of a file
 # Strings by which a result is read; any other can be of any text.
 CHOSEN = ("service", "controller", "backend", "mode")
-DEADLINE_S = 60
 
 
 def spoiled(given: Any, field: str = "") -> Any:
@@ -105,7 +105,7 @@ def test_no_control_character_reaches_the_terminal(
     monkeypatch.setenv("QMN_CACHE", str(tmp_path / "cache"))
     shutil.copytree(runs, tmp_path / "runs", symlinks=True)
     command = [sys.executable, "-m", "qmn", *words]
-    done = run_python(command, DEADLINE_S, cwd=tmp_path)
+    done = run_python(command, SOON_S, cwd=tmp_path)
     assert "Traceback" not in done.stderr
     assert "onload" in done.stdout + done.stderr
     assert printable(done.stdout) == done.stdout
@@ -129,7 +129,7 @@ class Tags(HTMLParser):
 def test_no_string_is_markup_of_the_report(runs: Path) -> None:
     pages = {}
     for run in sorted(runs.glob("2026010[12]*")):
-        done = run_python([sys.executable, "-m", "qmn", "report", str(run)], DEADLINE_S)
+        done = run_python([sys.executable, "-m", "qmn", "report", str(run)], SOON_S)
         assert done.returncode == 0, done.stderr
         pages[run.name[:8]] = (run / "report.html").read_text()
     good, page = pages.values()

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from limits import SOON_S
 
 from qmn.__main__ import HEADINGS, VERBS, described
 from qmn.parser import Parser
@@ -53,7 +54,7 @@ def test_verbs_are_listed_under_what_somebody_wants_to_do() -> None:
 )
 def test_help_and_a_verb_do_not_wait_for_what_others_load(word: str, needed: set[str]) -> None:
     command = [sys.executable, "-c", LOADED, word]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30)
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=SOON_S)
     assert set(done.stdout.split()) <= needed
 
 

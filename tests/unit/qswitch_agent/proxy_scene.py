@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from unittest.mock import patch
 
+from limits import SOON_S
 from openflow_messages import FIBERS, port
 
 from qswitch_agent.bridge import NO_PACKETS, Commands, SupervisoryChannels
@@ -33,12 +34,11 @@ from qswitch_agent.proxy.proxy import Proxy
 from qswitch_agent.switch import Switch
 from topologies.system.runs.runtime import free_port
 
-DEADLINE_S = 5.0
 TUNING = Tuning(191_350_000, 196_100_000, 50_000, -20.0, 0.0)
 CONDITION = Condition(TUNING, optics.Path(0.5, 1))
 
 
-def play(scene: Coroutine[Any, Any, None], deadline_s: float = DEADLINE_S) -> None:
+def play(scene: Coroutine[Any, Any, None], deadline_s: float = SOON_S) -> None:
     """Run a scene, which must end in time."""
     asyncio.run(asyncio.wait_for(scene, deadline_s))
 
@@ -219,7 +219,7 @@ async def running_switch() -> AsyncIterator[tuple[Switch, Optics, Reports, End]]
 
 
 @asynccontextmanager
-async def stage(hold_deadline_s: float = DEADLINE_S) -> AsyncIterator[Stage]:
+async def stage(hold_deadline_s: float = SOON_S) -> AsyncIterator[Stage]:
     """A proxy whose bridge and controller are connected."""
     async with running_switch() as (switch, hardware, reports, commanded):
         controllers = Listener()

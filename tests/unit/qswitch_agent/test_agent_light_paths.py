@@ -7,6 +7,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
+from limits import until
 from openflow_messages import FIBERS, port
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from proxy_scene import Optics, Reports, play
@@ -284,9 +285,7 @@ class Expiry:
 
     async def has_deleted(self, one: FlowEntry) -> None:
         """Wait until an entry is deleted, which must be the only one."""
-        async with asyncio.timeout(10):
-            while not self.deleted:
-                await asyncio.sleep(0.001)
+        await until(lambda: self.deleted)
         assert self.deleted == [one]
 
     def delete(self, one: FlowEntry) -> None:

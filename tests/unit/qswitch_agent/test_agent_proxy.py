@@ -762,6 +762,7 @@ def test_proxy_that_ends_while_it_connects_leaves_nothing_open() -> None:
         async with stage():
             pass
 
+    gc.collect()  # of what tests before it have left
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always", ResourceWarning)
         play(scene())

@@ -10,6 +10,7 @@ from typing import Any
 
 import grpc
 import pytest
+from limits import SOON_S
 from pygnmi.client import gNMIclient, gNMIException
 from pygnmi.create_gnmi_path import gnmi_path_generator
 from pygnmi.spec.v080 import gnmi_pb2 as gnmi
@@ -36,7 +37,6 @@ from qswitch_agent.telemetry.service import (
 from topologies.system.runs.runtime import free_port
 from wire.optical import ALL_VALID, ANY_PORT, VALID_RX_PWR, PathOptics, PortLight
 
-DEADLINE_S = 20.0  # of an answer
 LIGHT = PortLight(ALL_VALID, 193_100_000, 0, 12_500, 193_100_000, 0, 12_500, 15, -73, 305, 255)
 DARK = PortLight(ALL_VALID & ~VALID_RX_PWR, 0, 0, 0, 0, 0, 0, 15, -32768, 305, 255)
 POWER = "/components/component[name=q1-eth1]/port/optical-port/state/input-power/instant"
@@ -104,12 +104,12 @@ def serving(scene: Served) -> Iterator[Served]:
 
     thread = threading.Thread(target=loop.run_until_complete, args=(run(),))
     thread.start()
-    assert ready.wait(DEADLINE_S)
+    assert ready.wait(SOON_S)
     try:
         yield scene
     finally:
         loop.call_soon_threadsafe(ended.set)
-        thread.join(DEADLINE_S)
+        thread.join(SOON_S)
         assert not thread.is_alive()
         loop.close()
 
@@ -215,7 +215,7 @@ def subscribed(client: Any, kind: str, *paths: str, **more: Any) -> Iterator[Any
     responses = client.subscribe(
         subscribe={"subscription": asked, "mode": kind, "encoding": "json"}
     )
-    deadline = threading.Timer(DEADLINE_S, responses.cancel)
+    deadline = threading.Timer(SOON_S, responses.cancel)
     deadline.start()
     try:
         yield responses

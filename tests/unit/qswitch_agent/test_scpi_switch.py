@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from limits import SOON_S
 
 from qswitch_agent.hardware import scpi
 from qswitch_agent.hardware.optics import (
@@ -21,7 +22,6 @@ from qswitch_agent.hardware.optics import (
 )
 from qswitch_agent.hardware.scpi import MatrixPort, ScpiSwitch
 
-DEADLINE_S = 20.0
 INSTRUMENT = Path(__file__).with_name("scpi_instrument.py")
 # OpenFlow ports 1 to 4; the instrument's ingress 5 with egress 13 is somebody else's.
 PORTS = {port: MatrixPort(ingress=port, egress=8 + port) for port in (1, 2, 3, 4)}
@@ -80,7 +80,7 @@ async def bench() -> AsyncIterator[Bench]:
 
 def play(scene: Callable[[Bench], Coroutine[Any, Any, None]]) -> None:
     async def run() -> None:
-        async with asyncio.timeout(DEADLINE_S), bench() as made:
+        async with asyncio.timeout(SOON_S), bench() as made:
             await scene(made)
 
     asyncio.run(run())

@@ -14,6 +14,7 @@ from typing import Any
 import grpc
 import pytest
 from forked_python import Forked
+from limits import SOON_S
 
 from dispatcher.build import build_layer
 from dispatcher.clock import NetworkClock
@@ -46,12 +47,11 @@ from wire.dispatcher_pb2 import (
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.optical import DEFAULT_FREQUENCY_MHZ
 
-DEADLINE_S = 20.0
 PORTS = (1, 2, 3, 4)
 
 
 def play(scene: Coroutine[Any, Any, None]) -> None:
-    asyncio.run(asyncio.wait_for(scene, DEADLINE_S))
+    asyncio.run(asyncio.wait_for(scene, SOON_S))
 
 
 def configuration(folder: Path, **optics: Any) -> DispatcherConfig:
@@ -86,13 +86,13 @@ class Bench:
         send = SendRequest(launches=[launch], rate_hz=1_000_000_000)
         order = Order(number=1, steps=[Step(create=create), Step(send=send)])
         metadata = dispatcher_service.metadata("token of alice")
-        call = self._stub.Perform(iter([order]), metadata=metadata, timeout=5)
+        call = self._stub.Perform(iter([order]), metadata=metadata, timeout=SOON_S)
         assert [outcome.code async for outcome in call] == [0]
 
     async def inject(self, **fault: Any) -> None:
         request = InjectFaultRequest(switch="q1", **fault)
         metadata = dispatcher_service.metadata("token of runner")
-        await self._stub.InjectFault(request, metadata=metadata, timeout=5)
+        await self._stub.InjectFault(request, metadata=metadata, timeout=SOON_S)
 
 
 @asynccontextmanager

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from limits import SOON_S
 
 from topologies.system.open_vswitch.bridge_words import bridge_words
 from topologies.system.open_vswitch.database import select
@@ -23,14 +24,13 @@ OPTIONS = ["fail_mode=secure", "protocols=OpenFlow14", "other_config:datapath-id
 PORTS = {"q1-eth1": ["ofport_request=1"], "q1-eth7": ["ofport_request=7"]}
 LOOKED_UP = {"add-br", "add-port", "set", "get", "list", "find", "remove"}  # by name or condition
 DUMP = "ovsdb-client", "-f", "csv", "dump"
-DEADLINE_S = 30
 
 
 @pytest.fixture
 def database(tmp_path: Path) -> Iterator[str]:
     """Yield the socket of a database of Open vSwitch that no switch reads."""
     file, socket = tmp_path / "conf.db", tmp_path / "db.sock"
-    subprocess.run(["ovsdb-tool", "create", file, SCHEMA], check=True, timeout=DEADLINE_S)
+    subprocess.run(["ovsdb-tool", "create", file, SCHEMA], check=True, timeout=SOON_S)
     words = ["--unixctl", str(tmp_path / "ctl"), f"--remote=punix:{socket}", str(file)]
     server = subprocess.Popen(["ovsdb-server", *words], stderr=subprocess.DEVNULL)
     try:
@@ -45,9 +45,7 @@ def database(tmp_path: Path) -> Iterator[str]:
 
 def ovs(*words: str) -> str:
     """Return what a program of Open vSwitch says."""
-    return subprocess.run(
-        words, check=True, capture_output=True, text=True, timeout=DEADLINE_S
-    ).stdout
+    return subprocess.run(words, check=True, capture_output=True, text=True, timeout=SOON_S).stdout
 
 
 def vsctl(database: str, *words: str) -> None:
@@ -98,7 +96,7 @@ def test_its_rows_are_read_at_the_socket_as_rfc_7047_writes_them(database: str) 
     vsctl(database, "add-br", "q1", "--", "set", "bridge", "q1", "external_ids:qmn=1-2-abc")
 
     def rows(table: str, at: Path = path) -> list[dict[str, Any]]:
-        return select(at, table, ["name", "external_ids"], DEADLINE_S, lambda: None)
+        return select(at, table, ["name", "external_ids"], SOON_S, lambda: None)
 
     assert rows("Bridge") == [{"name": "q1", "external_ids": ["map", [["qmn", "1-2-abc"]]]}]
     with pytest.raises(NetworkError, match=r"Switch cannot be read: .*No table named Switch"):

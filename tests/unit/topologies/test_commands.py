@@ -2,10 +2,10 @@
 
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
+from limits import wait_until
 
 from topologies.system.processes.commands import run
 from topologies.system.processes.owners import owner
@@ -22,17 +22,12 @@ run(*{command!r}, timeout_s=60)
 """
     with subprocess.Popen([sys.executable, "-c", waiting], cwd=ROOT) as process:
         try:
-            deadline = time.monotonic() + 20
-            while not (file.exists() and file.read_text().endswith("\n")):
-                assert time.monotonic() < deadline
-                time.sleep(0.01)
+            wait_until(lambda: file.exists() and file.read_text().endswith("\n"), "it began")
             started = owner(int(file.read_text()))
         finally:
             process.kill()
     assert started is not None
-    while started.alive:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_until(lambda: not started.alive, "it ends")
 
 
 def test_what_is_not_installed_and_what_fails_is_told_by_its_own_name() -> None:

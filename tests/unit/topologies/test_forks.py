@@ -8,18 +8,18 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from limits import SOON_S, wait_until
 
 from topologies.system.processes import forks
 from topologies.system.processes.forks import Forked, ForkServer
 from topologies.system.processes.programs import ENVIRONMENT, ROOT, NetworkError, Program, python
 
-DEADLINE_S = 20.0
 # A runner, which starts a dispatcher by a fork server and says both their process ids.
 RUNNER = """
 import sys
@@ -31,7 +31,7 @@ programs = [Program(name, folder / f"{name}.log") for name in ("fork-server", "d
 server, dispatcher = programs
 forks = ForkServer(server)
 dispatcher.start([python(), "-m", "dispatcher", "--config", sys.argv[2]], forks=forks)
-dispatcher.wait_for("ready", 20)
+dispatcher.wait_for("ready", 120)
 print(server._process.pid, dispatcher._process.pid, flush=True)
 sys.stdin.read()
 """
@@ -91,7 +91,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ForkServer]:
 def dispatcher(server: ForkServer, tmp_path: Path) -> Iterator[Program]:
     program = Program("ed", tmp_path / "ed.log")
     program.start(dispatcher_command(tmp_path), forks=server)
-    program.wait_for("ready", DEADLINE_S)
+    program.wait_for("ready", SOON_S)
     yield program
     program.stop()
 
@@ -101,13 +101,6 @@ def dispatcher_command(folder: Path) -> list[str]:
     file = folder / "dispatcher.json"
     file.write_text(json.dumps({**config, "tokens": {}, "fibers": [], "switches": []}))
     return [python(), "-m", "dispatcher", "--config", str(file)]
-
-
-def wait_until(condition: Callable[[], object], what: str) -> None:
-    deadline = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < deadline, f"not in {DEADLINE_S:g} s: {what}"
-        time.sleep(0.01)
 
 
 def pid_of(program: Program) -> int:
@@ -135,7 +128,7 @@ def test_siblings_are_their_parents_own_children_and_share_nothing_random() -> N
         capture_output=True,
         text=True,
         check=True,
-        timeout=DEADLINE_S,
+        timeout=SOON_S,
     )
     *siblings, parent = done.stdout.splitlines()
     parents, *drawn = zip(*map(str.split, siblings), strict=True)
@@ -161,7 +154,7 @@ def test_it_has_no_files_but_those_it_was_given(server: ForkServer, tmp_path: Pa
         program.start(dispatcher_command(tmp_path), descriptors=given, forks=server)
         inode = os.fstat(listener.fileno()).st_ino
         folder = Path("/proc", str(pid_of(program)), "fd")
-        program.wait_for("ready", DEADLINE_S)
+        program.wait_for("ready", SOON_S)
         assert os.readlink(folder / str(listener.fileno())) == f"socket:[{inode}]"
         opened = {}
         for name in os.listdir(folder):
@@ -182,7 +175,7 @@ def test_one_that_fails_is_named_with_its_fault(server: ForkServer, tmp_path: Pa
     broken = Program("alice", tmp_path / "alice.log")
     broken.start([python(), "-m", "hosts", "--config", f"{tmp_path}/none"], forks=server)
     with pytest.raises(NetworkError, match=r"alice ended at its start: host stack: .*none"):
-        broken.wait_for("ready", DEADLINE_S)
+        broken.wait_for("ready", SOON_S)
     assert broken.status == 1
 
 
@@ -233,7 +226,7 @@ def test_all_end_with_the_runner_however_it_ends(
         was_forked = proc(pids[0], "environ") == proc(runner.pid, "environ")
         assert was_forked == is_loaded
         runner.send_signal(number)
-        runner.wait(DEADLINE_S)
+        runner.wait(SOON_S)
         for pid in pids:
             wait_until(lambda pid=pid: not Path("/proc", pid).exists(), f"{pid} is gone")  # type: ignore[misc]
 
@@ -244,7 +237,7 @@ def test_what_fails_in_a_server_forked_off_a_runner_does_not_clean_up_there(tmp_
     log = tmp_path / "log"
     command = [sys.executable, "-c", FAILING, str(log), str(gone.pid)]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as runner:
-        said, _ = runner.communicate(timeout=DEADLINE_S)
+        said, _ = runner.communicate(timeout=SOON_S)
     assert said.splitlines() == ["1", f"clean-up of {runner.pid}"]
     fault = f"fault: process {gone.pid}, the shell of its node, was ended\n"
     assert log.read_text() == fault
@@ -256,7 +249,7 @@ def test_a_server_that_was_killed_is_named_and_what_it_has_forked_goes_on(tmp_pa
     forked, late = (Program(name, tmp_path / f"{name}.log") for name in ("ed", "late"))
     command = dispatcher_command(tmp_path)
     forked.start(command, forks=server)
-    forked.wait_for("ready", DEADLINE_S)
+    forked.wait_for("ready", SOON_S)
     os.kill(pid_of(program), signal.SIGKILL)
     with pytest.raises(NetworkError, match="fork-server died in mid-run: killed by SIGKILL"):
         late.start(command, forks=server)
@@ -295,7 +288,7 @@ def test_a_server_that_a_signal_has_stopped_is_waited_for_once(
     server = ForkServer(program)
     command = dispatcher_command(tmp_path)
     try:
-        program.wait_for("ready", DEADLINE_S)
+        program.wait_for("ready", SOON_S)
         os.kill(pid_of(program), signal.SIGSTOP)
         wait_until(lambda: program.stopped, "it is stopped")
         cause = r"fork-server did not start ed in 0.2 s: a signal has stopped it \(SIGSTOP\)"

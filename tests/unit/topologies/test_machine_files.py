@@ -10,6 +10,7 @@ from threading import Thread
 from typing import Never
 
 import pytest
+from limits import SOON_S
 
 from topologies.system.machines.agent import Agent
 from topologies.system.machines.machine import Machine
@@ -42,11 +43,11 @@ def machine() -> Iterator[Machine]:
             writer.close()
             await writer.wait_closed()
 
-    found, writers, serving = asyncio.run_coroutine_threadsafe(begin(), loop).result(10)
+    found, writers, serving = asyncio.run_coroutine_threadsafe(begin(), loop).result(SOON_S)
     yield found
-    asyncio.run_coroutine_threadsafe(end(), loop).result(10)
+    asyncio.run_coroutine_threadsafe(end(), loop).result(SOON_S)
     loop.call_soon_threadsafe(loop.stop)
-    thread.join(10)
+    thread.join(SOON_S)
     loop.close()
 
 

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from limits import SOON_S
 
 from programs.local_users import users_of
 from topologies.system import namespaces
@@ -76,7 +77,7 @@ def test_a_run_has_a_network_of_its_own_and_its_status_is_that_of_the_command(
             port = ours.getsockname()[1]
             seen = Path(f"/proc/{found.first}/root/run/qmn/machine-connections").read_text()
             assert f"0100007F:{port:04X}" in users_of(seen)
-        process.communicate("", timeout=30)
+        process.communicate("", timeout=SOON_S)
         assert process.returncode == 7
     assert namespaces.running() == []
     assert list(tmp_path.iterdir()) == []
@@ -95,7 +96,7 @@ sys.exit(3)
         assert first_line(process) == "ready"
         process.send_signal(number)
         assert first_line(process).endswith(str(int(number)))
-        assert process.wait(30) == 3
+        assert process.wait(SOON_S) == 3
 
 
 def test_a_terminal_interrupts_a_run_once(tmp_path: Path) -> None:
@@ -122,7 +123,7 @@ sys.exit(interrupts)
             os.write(keyboard, b"\x03")
             assert first_line(process) == "interrupted"
             process.send_signal(signal.SIGTERM)
-            assert process.wait(30) == 1
+            assert process.wait(SOON_S) == 1
         finally:
             process.kill()
             os.close(keyboard)
@@ -138,7 +139,7 @@ def test_a_keeper_that_is_killed_takes_everything_with_it(
         (found,) = namespaces.running()
         below = os.pidfd_open(found.first)
         process.kill()
-        process.wait(30)
+        process.wait(SOON_S)
     assert ends(below)
     assert namespaces.running() == []
     assert list(tmp_path.iterdir()) == []
@@ -168,7 +169,7 @@ def test_another_process_goes_on_inside_a_run(
             capture_output=True,
             text=True,
             check=False,
-            timeout=60,
+            timeout=SOON_S,
             cwd=ROOT,
         )
         monkeypatch.setattr(namespaces, "RUNTIME_ROOT", tmp_path)
@@ -192,7 +193,7 @@ def test_a_killed_run_and_a_command_inside_it_end_with_a_reason(
             (found,) = namespaces.running()
             os.kill(found.first, signal.SIGKILL)
             # 128 + 9: what a shell gives for SIGKILL
-            assert (process.wait(30), inside.wait(30)) == (137, 137)
+            assert (process.wait(SOON_S), inside.wait(SOON_S)) == (137, 137)
     assert sorted(capfd.readouterr().err.splitlines()) == [
         f"qmn: run {found} has ended, and this command with it",
         "qmn: the run was killed (SIGKILL); the kernel ended what was left",
@@ -211,7 +212,7 @@ def test_an_entry_that_is_removed_before_it_is_locked_is_written_again(
             begun.result(timeout=0.5)
         file.unlink()
         held.close()
-        with begun.result(timeout=30) as entry:
+        with begun.result(timeout=SOON_S) as entry:
             assert os.path.samestat(os.fstat(entry.fileno()), file.stat())
 
 
@@ -230,15 +231,15 @@ print(os.listdir("/sys/class/net"), os.path.exists("/run/qmn/machine-network"))
         with run(tmp_path, visits + looks) as visitor:
             network = first_line(visitor)
             assert network != os.readlink("/proc/self/ns/net")
-            process.communicate("", timeout=30)
-            output, _ = visitor.communicate("", timeout=30)
+            process.communicate("", timeout=SOON_S)
+            output, _ = visitor.communicate("", timeout=SOON_S)
             assert (visitor.returncode, output.strip()) == (0, "['lo'] True")
 
 
 def test_a_run_serves_on_the_loopback_of_the_machine(tmp_path: Path) -> None:
     with run(tmp_path, SERVES) as process:
         port = int(first_line(process))
-        with socket.create_connection(("127.0.0.1", port), timeout=30) as connection:
+        with socket.create_connection(("127.0.0.1", port), timeout=SOON_S) as connection:
             network = connection.recv(100).decode()
-        assert process.wait(30) == 0
+        assert process.wait(SOON_S) == 0
     assert network != os.readlink("/proc/self/ns/net")

@@ -12,6 +12,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from limits import SOON_S
 
 ROOT = Path(__file__).parents[3]
 QMN = [sys.executable, "-m", "qmn"]
@@ -71,12 +72,12 @@ def test_a_reader_that_pauses_gets_all(pipe: tuple[int, int]) -> None:
         got = 0
         while part := os.read(pipe[0], 1 << 16):
             got += len(part)
-        assert (process.wait(60), got) == (0, (1 << 20) + len("cleaned up\n"))
+        assert (process.wait(SOON_S), got) == (0, (1 << 20) + len("cleaned up\n"))
 
 
 def test_a_pipe_that_nobody_reads_ends_the_work_after_a_while(pipe: tuple[int, int]) -> None:
     with begun(pipe, 0.2) as process:
-        assert process.wait(60) == 1
+        assert process.wait(SOON_S) == 1
         assert process.stderr is not None
         lines = process.stderr.read().splitlines()
     assert lines == ["cleaned up", "qmn: standard output cannot be written: nobody reads it"]
@@ -86,7 +87,7 @@ def test_a_signal_ends_the_wait_for_a_full_pipe(pipe: tuple[int, int]) -> None:
     with begun(pipe, 60.0) as process:
         wait_until_full(pipe[0])
         process.send_signal(signal.SIGINT)
-        assert process.wait(30) == 128 + signal.SIGINT
+        assert process.wait(SOON_S) == 128 + signal.SIGINT
         assert process.stderr is not None
         assert process.stderr.read() == "cleaned up\n"
 
@@ -115,7 +116,7 @@ def test_every_verb_has_the_same_rule(
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=SOON_S,
         check=False,
     )
     said = f"qmn: standard output cannot be written: {why}\n" if why else ""

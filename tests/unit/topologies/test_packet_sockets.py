@@ -5,6 +5,8 @@ import socket
 import subprocess
 import sys
 
+from limits import SOON_S
+
 from topologies.system.kernel.packet_sockets import close, held, packet_sockets, taken
 
 
@@ -16,7 +18,7 @@ def test_a_process_without_packet_sockets_has_none() -> None:
 
 def test_a_process_that_is_gone_has_none() -> None:
     ended = subprocess.Popen([sys.executable, "-c", ""])
-    ended.wait(30)
+    ended.wait(SOON_S)
     assert taken(ended.pid) == []
 
 

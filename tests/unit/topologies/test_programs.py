@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from limits import SOON_S
 
 from topologies.system.processes.programs import (
     WITH_RUNNER,
@@ -26,7 +27,7 @@ def program(folder: Path, code: str, name: str = "clock") -> Program:
 
 def test_what_it_prints_is_waited_for_and_it_ends_when_told(tmp_path: Path) -> None:
     sleeper = program(tmp_path, "print('ready', flush=True); import time; time.sleep(60)")
-    sleeper.wait_for("ready", 10)
+    sleeper.wait_for("ready", SOON_S)
     assert sleeper.running
     sleeper.stop()
     assert not sleeper.running
@@ -39,13 +40,13 @@ FAULT = "import sys; from programs.faults import report_fault; sys.exit(report_f
 def test_one_that_ends_at_its_start_is_named_with_its_fault(tmp_path: Path) -> None:
     broken = program(tmp_path, FAULT.format("the spring is broken"))
     with pytest.raises(NetworkError, match="clock ended at its start: the spring is broken"):
-        broken.wait_for("ready", 10)
+        broken.wait_for("ready", SOON_S)
 
 
 def test_one_that_is_killed_at_its_start_is_said_to_be(tmp_path: Path) -> None:
     killed = program(tmp_path, "import os; print('hello', flush=True); os.kill(os.getpid(), 9)")
     with pytest.raises(NetworkError, match="clock ended at its start: killed by SIGKILL"):
-        killed.wait_for("ready", 10)
+        killed.wait_for("ready", SOON_S)
 
 
 def test_a_wait_names_what_it_waited_for(tmp_path: Path) -> None:
@@ -66,7 +67,7 @@ def test_one_that_ignores_the_signal_is_ended_by_force(
         "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN);"
         "print('ready', flush=True); time.sleep(60)",
     )
-    deaf.wait_for("ready", 10)
+    deaf.wait_for("ready", SOON_S)
     deaf.stop()
     assert deaf.status == -9
 
@@ -83,7 +84,7 @@ def test_it_keeps_the_descriptors_that_it_is_given(tmp_path: Path) -> None:
         code = f"import socket; socket.socket(fileno={number}).accept()[0].sendall(b'here')"
         keeper = Program("keeper", tmp_path / "keeper.log")
         keeper.start([sys.executable, "-c", code], descriptors=[number])
-    with socket.create_connection(address, timeout=10) as connection:
+    with socket.create_connection(address, timeout=SOON_S) as connection:
         assert connection.recv(16) == b"here"
     keeper.stop()
 
@@ -91,7 +92,7 @@ def test_it_keeps_the_descriptors_that_it_is_given(tmp_path: Path) -> None:
 def fails(folder: Path, code: str) -> str:
     """Return how a program is said to have ended that was well at first."""
     failed = program(folder, f"print('ready', flush=True)\n{code}")
-    failed.wait_for("ready", 10)
+    failed.wait_for("ready", SOON_S)
     while failed.running:
         pass
     return failed.end()
@@ -135,7 +136,7 @@ def test_the_log_of_a_program_that_is_not_ours_is_no_cause(tmp_path: Path) -> No
     capture = Program("tcpdump", log)
     capture.start(["sh", "-c", "echo '0 packets dropped by kernel' >&2; exit 1"])
     assert capture._process is not None
-    capture._process.wait(10)
+    capture._process.wait(SOON_S)
     assert (capture.end(), capture.crash()) == (f"status 1; its log: {log}", "")
 
 
@@ -146,22 +147,22 @@ def test_the_log_of_a_program_that_is_not_ours_is_no_cause(tmp_path: Path) -> No
 def test_an_error_that_is_not_handled_is_a_crash(tmp_path: Path, code: str, error: str) -> None:
     failed = program(tmp_path, code)
     assert failed._process is not None
-    failed._process.wait(10)
+    failed._process.wait(SOON_S)
     assert failed.crash() == error
 
 
 def test_a_program_that_is_started_again_is_ready_when_it_says_so_again(tmp_path: Path) -> None:
     clock = program(tmp_path, "print('ready', flush=True)")
-    clock.wait_for("ready", 10)
+    clock.wait_for("ready", SOON_S)
     clock.stop()
     clock.start([sys.executable, "-c", FAULT.format("rusty")])
     with pytest.raises(NetworkError, match="clock ended at its start: rusty"):
-        clock.wait_for("ready", 10)
+        clock.wait_for("ready", SOON_S)
 
 
 def test_one_that_is_stopped_by_a_signal_is_noticed_and_ends_when_told(tmp_path: Path) -> None:
     sleeper = program(tmp_path, "print('ready', flush=True); import time; time.sleep(60)")
-    sleeper.wait_for("ready", 10)
+    sleeper.wait_for("ready", SOON_S)
     assert not sleeper.stopped
     pid = pid_of(sleeper)
     os.kill(pid, signal.SIGSTOP)
@@ -181,7 +182,7 @@ def test_it_begins_only_while_its_runner_is_there(is_there: bool) -> None:
     """The kernel ends it with the runner, but only if that is there when it is asked to."""
     runner = os.getpid() if is_there else 1
     command = [*WITH_RUNNER, str(runner), "echo", "begun"]
-    done = subprocess.run(command, capture_output=True, check=False, timeout=10)
+    done = subprocess.run(command, capture_output=True, check=False, timeout=SOON_S)
     assert (done.stdout, done.returncode) == ((b"begun\n", 0) if is_there else (b"", 1))
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from threading import Barrier
 
 import pytest
+from limits import SOON_S
 
 from topologies.system.processes.owners import this_process
 from topologies.system.runs import runtime
@@ -78,7 +79,7 @@ def test_hosts_that_start_at_once_share_what_the_first_of_them_needs(
     together = Barrier(hosts)
 
     def ask(_host: int) -> object:
-        together.wait(10)
+        together.wait(SOON_S)
         return shared(network)
 
     with ThreadPoolExecutor(hosts) as pool:

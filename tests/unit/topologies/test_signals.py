@@ -10,6 +10,7 @@ import time
 from contextlib import ExitStack, suppress
 
 import pytest
+from limits import SOON_S
 
 from topologies.system.processes import signals as signals_module
 from topologies.system.processes.programs import NetworkError
@@ -114,14 +115,14 @@ except Interrupted as error:
 @pytest.mark.parametrize("number", [*Signals.NUMBERS, *Signals.OTHERS])
 def test_every_signal_that_would_end_a_process_asks_a_run_to_end(number: signal.Signals) -> None:
     command = [sys.executable, "-c", TAKES, str(int(number))]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=SOON_S, check=False)
     assert (done.returncode, done.stdout) == (0, f"interrupted by {number.name}\n")
 
 
 def test_a_signal_that_the_caller_has_ignored_stays_ignored() -> None:
     """As `nohup` (POSIX) has SIGHUP ignored."""
     command = ["nohup", sys.executable, "-c", TAKES, str(int(signal.SIGHUP))]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=SOON_S, check=False)
     assert (done.returncode, done.stdout) == (0, "goes on\n")
 
 
@@ -155,7 +156,7 @@ def test_a_second_signal_forces_the_end_of_what_hangs() -> None:
         assert process.stdout is not None
         assert process.stderr is not None
         assert process.stdout.readline() == "cleaning up\n"
-        deadline = time.monotonic() + 10
+        deadline = time.monotonic() + SOON_S
         while process.poll() is None and time.monotonic() < deadline:
             process.send_signal(signal.SIGINT)
             with suppress(subprocess.TimeoutExpired):

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from limits import SOON_S
 from scapy.layers.inet import IP, TCP, UDP
 from scapy.layers.l2 import Ether
 
@@ -108,7 +109,7 @@ def tshark_file(file: Path, *options: str, passes: int = 2) -> list[str]:
     twice = ["-2"] if passes == 2 else []
     command = ["tshark", *twice, "-X", f"lua_script:{script_file()}", "-r", str(file), "-n"]
     done = subprocess.run(
-        [*command, *options], capture_output=True, text=True, check=False, timeout=100
+        [*command, *options], capture_output=True, text=True, check=False, timeout=SOON_S
     )
     assert done.returncode == 0, done.stderr
     assert "Lua" not in done.stderr, done.stderr

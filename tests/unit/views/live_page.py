@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from queue import Queue
 
+from limits import SOON_S
 from playwright.sync_api import Browser, sync_playwright
 from recorded_run import NETWORK, START_NS
 from test_report_in_browser import installed_browser
@@ -18,7 +19,6 @@ from views.live.pace import Pace, Times
 from views.live.server import View, serve
 from views.live.timeline import Timeline
 
-DEADLINE_S = 20.0
 ANYWHERE = Place()
 
 
@@ -47,12 +47,12 @@ def served(view: View, place: Place = ANYWHERE) -> Iterator[str]:
 
     thread = threading.Thread(target=lambda: asyncio.run(main()))
     thread.start()
-    loop, task = ready.get(timeout=DEADLINE_S)
+    loop, task = ready.get(timeout=SOON_S)
     try:
-        yield said.get(timeout=DEADLINE_S)
+        yield said.get(timeout=SOON_S)
     finally:
         loop.call_soon_threadsafe(task.cancel)
-        thread.join(DEADLINE_S)
+        thread.join(SOON_S)
         assert not thread.is_alive()
 
 

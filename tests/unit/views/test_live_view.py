@@ -19,7 +19,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
-from live_page import DEADLINE_S, live, served
+from limits import SOON_S, wait_until
+from live_page import live, served
 from recorded_run import MS, START_NS, record_run
 
 from qmn.__main__ import described as parser
@@ -77,7 +78,7 @@ def test_the_command_shows_a_run_until_ctrl_c(tmp_path: Path) -> None:
         drawn = json.loads(answer(f"{url}network.json")[1])
         assert (drawn["live"], drawn["acts"]) == (False, False)
         program.send_signal(signal.SIGINT)
-        assert program.wait(DEADLINE_S) == 0
+        assert program.wait(SOON_S) == 0
 
 
 def test_a_reader_who_is_slow_is_told_how_much_was_missed() -> None:
@@ -145,7 +146,7 @@ def answer(url: str, body: bytes | None = None, **headers: str) -> tuple[int, st
     names = {name.replace("_", "-"): value for name, value in headers.items()}
     request = urllib.request.Request(url, body, names)  # noqa: S310 (our own http)
     try:
-        with urllib.request.urlopen(request, timeout=10) as response:  # noqa: S310
+        with urllib.request.urlopen(request, timeout=SOON_S) as response:  # noqa: S310
             return response.status, response.read().decode()
     except urllib.error.HTTPError as error:
         return error.code, error.read().decode()
@@ -189,7 +190,7 @@ def test_a_view_to_be_looked_at_takes_no_acts(tmp_path: Path) -> None:
 
 def streamed(url: str) -> list[tuple[str, Any]]:
     """Return the server-sent events until the last."""
-    with urllib.request.urlopen(f"{url}messages?after=1", timeout=10) as response:  # noqa: S310
+    with urllib.request.urlopen(f"{url}messages?after=1", timeout=SOON_S) as response:  # noqa: S310
         blocks = response.read().decode().strip().split("\n\n")
     fields = [dict(line.split(": ", 1) for line in block.splitlines()) for block in blocks]
     return [(each["event"], json.loads(each["data"])) for each in fields]
@@ -217,7 +218,7 @@ def test_lists_that_are_full_are_followed_by_the_rest_at_once(tmp_path: Path) ->
     lists: list[int] = []
     with (
         served(view) as url,
-        urllib.request.urlopen(f"{url}messages", timeout=10) as response,  # noqa: S310
+        urllib.request.urlopen(f"{url}messages", timeout=SOON_S) as response,  # noqa: S310
     ):
         while sum(lists) < count:
             if response.readline() == b"event: messages\n":
@@ -281,10 +282,7 @@ def test_a_page_that_is_asked_for_again_and_again_does_not_keep_a_network(tmp_pa
     try:
         with served(live(tmp_path)) as url:  # which says if the server does not end
             threading.Thread(target=ask, args=(url,)).start()
-            deadline = time.monotonic() + DEADLINE_S
-            while not asked:
-                assert time.monotonic() < deadline
-                time.sleep(0.01)
+            wait_until(lambda: asked, "an answer")
     finally:
         over.set()
 
@@ -301,7 +299,7 @@ def leading_to(socket: Path) -> Iterator[tuple[int, "subprocess.Popen[str]"]]:
         try:
             yield int(program.stdout.readline()), program
         finally:
-            program.communicate(timeout=DEADLINE_S)  # ends its input
+            program.communicate(timeout=SOON_S)  # ends its input
 
 
 def test_the_page_of_a_container_is_reached_by_a_port_that_leads_there(tmp_path: Path) -> None:
@@ -402,13 +400,13 @@ def test_a_browser_gets_the_address_by_a_file_of_its_user_and_by_no_command_line
     dropped = ["setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups"]
     by = {"SUDO_USER": "nobody", "SUDO_UID": NOBODY} if by_sudo else {}
     with opened(dropped if root and not by_sudo else [], by) as (folder, program):
-        deadline, told, seen = time.monotonic() + DEADLINE_S, folder / "told", ""
+        deadline, told, seen = time.monotonic() + SOON_S, folder / "told", ""
         while not told.exists():
             assert time.monotonic() < deadline, "nobody has opened a browser"
             seen += command_lines()
         seen += command_lines()  # the opener is there still
         found = re.findall(r"file://(\S+?/qmn-live-\S+?\.html)", seen)
-        program.communicate(timeout=DEADLINE_S)
+        program.communicate(timeout=SOON_S)
         text = told.read_text()
     assert found
     assert f"url={ADDRESS}" in text

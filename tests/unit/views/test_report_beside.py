@@ -5,11 +5,11 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from limits import SOON_S, wait_until
 from recorded_run import record_run
 
 from topologies.system.processes.owners import owner
@@ -17,7 +17,6 @@ from topologies.system.processes.programs import ROOT
 from views.report.beside import report_beside
 from views.report.report_file import made_report
 
-DEADLINE_S = 60.0
 # A runner that says which process draws its reports, and then what its input asks for.
 RUNNER = """
 import os, sys
@@ -59,7 +58,7 @@ class Runner:
 
     def end(self) -> int:
         """Let it end; return how many children it has left behind."""
-        left, _nothing = self.process.communicate(timeout=DEADLINE_S)
+        left, _nothing = self.process.communicate(timeout=SOON_S)
         return int(left)
 
 
@@ -81,7 +80,7 @@ def test_it_is_the_report_that_a_run_is_drawn_by_itself(runner: Runner, run: Pat
     beside = (run / "report.html").read_text()
     program = f"from pathlib import Path; from {made_report.__module__} import made_report; "
     program += f"made_report(Path({str(run)!r}))"  # other tests may have set other styles here
-    subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=True, timeout=DEADLINE_S)
+    subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=True, timeout=SOON_S)
     assert (run / "report.html").read_text() == beside
     assert runner.end() == 0
 
@@ -104,10 +103,7 @@ def test_a_drawer_that_is_killed_ends_no_run(runner: Runner, run: Path) -> None:
 
 def test_it_ends_with_a_runner_that_is_killed(runner: Runner) -> None:
     runner.process.kill()
-    deadline = time.monotonic() + DEADLINE_S
-    while runner.drawer.alive:
-        assert time.monotonic() < deadline, f"it has not ended in {DEADLINE_S:g} s"
-        time.sleep(0.01)
+    wait_until(lambda: not runner.drawer.alive, "it ends")
 
 
 def test_a_process_of_several_threads_draws_itself(run: Path) -> None:

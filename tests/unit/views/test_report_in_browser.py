@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from limits import SOON_S
 from recorded_run import record_run
 
 from views.report import charts
@@ -20,7 +21,6 @@ from views.report.report_file import made_report
 BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")
 PHONE = 390  # pixels
 LIGHT, DARK = 1, 0  # of Chromium's preferredColorScheme
-DEADLINE_S = 60
 # What the page says of itself; it is put in behind the page, which has no script of its own.
 ASK = """<script>
 const colour = element => getComputedStyle(element);
@@ -86,7 +86,7 @@ def browse(folder: Path, width: int, scheme: int, script: str = "") -> tuple[dic
         f"--blink-settings=preferredColorScheme={scheme}",
     ]
     command += [f"--user-data-dir={folder / 'browser'}", "--dump-dom", page.as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=DEADLINE_S)
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=SOON_S)
     (seen,) = re.findall(r'data-seen="([^"]*)"', done.stdout)
     console = [line for line in done.stderr.splitlines() if ":CONSOLE" in line]
     return json.loads(html.unescape(seen)), "\n".join(console)

@@ -7,6 +7,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from limits import SOON_S
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 from scapy.utils import PcapWriter, RawPcapNgReader
@@ -41,7 +42,7 @@ def written() -> bytes:
 
 
 def tool(*command: str) -> str:
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30)
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=SOON_S)
     assert "appears to" not in done.stderr
     return done.stdout
 

@@ -8,6 +8,7 @@ from contextlib import suppress
 from typing import Any
 
 import pytest
+from limits import SOON_S
 
 from controller_apps.openflow.connection import SharedAccept
 from controller_apps.openflow.framework import SwitchServer, hub
@@ -15,7 +16,6 @@ from programs import connection_shares
 from programs.connection_shares import Shares
 
 OF_ONE, ALL = 3, 5
-DEADLINE_S = 20.0
 Connect = Callable[[int], socket.socket]
 
 
@@ -50,7 +50,7 @@ def connect(server: Any) -> Iterator[Connect]:
 
     def connect(host: int) -> socket.socket:
         at = f"127.0.0.{host}", 0
-        connection = socket.create_connection(server.server.getsockname(), DEADLINE_S, at)
+        connection = socket.create_connection(server.server.getsockname(), SOON_S, at)
         connection.setblocking(False)
         opened.append(connection)
         return connection
@@ -70,7 +70,7 @@ def is_open(connection: socket.socket) -> bool:
 
 
 def wait_for(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + DEADLINE_S
+    deadline = time.monotonic() + SOON_S
     while not condition():
         assert time.monotonic() < deadline
         hub.sleep(0.01)

@@ -8,6 +8,7 @@ from uuid import UUID, uuid4
 
 import numpy as np
 import pytest
+from limits import SOON_S
 
 from hosts.middleware.qkd.key_files import DuplicateKey, MissingKey, write
 from hosts.middleware.qkd.key_store import (
@@ -119,7 +120,7 @@ def test_two_processes_never_get_the_same_key(tmp_path: Path) -> None:
         assert racer.stdin is not None
         racer.stdin.write("\n")
         racer.stdin.flush()
-    taken = [racer.communicate(timeout=60)[0].split() for racer in racers]
+    taken = [racer.communicate(timeout=SOON_S)[0].split() for racer in racers]
     assert all(racer.returncode == 0 for racer in racers)
     assert all(taken)
     assert sorted(taken[0] + taken[1]) == sorted(key.key.hex() for key in some)
@@ -188,7 +189,7 @@ def test_a_directory_that_others_may_enter_is_refused(tmp_path: Path) -> None:
 def test_what_a_crash_left_unfinished_is_no_key_and_is_removed(tmp_path: Path) -> None:
     store = KeyStore(tmp_path / "keys", 10)
     ended = subprocess.Popen([sys.executable, "-c", ""])
-    ended.wait(timeout=60)
+    ended.wait(timeout=SOON_S)
     left = tmp_path / "keys" / "first" / f"{uuid4()}.{ended.pid}.new"
     under_way = tmp_path / "keys" / "first" / f"{uuid4()}.{os.getpid()}.new"
     for path in (left, under_way):
