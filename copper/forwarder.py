@@ -6,7 +6,8 @@ Both ends are TAP interfaces, whose other sides are files that this process hold
 when a packet is read, which is after it was sent, so that none is early. A cable with a rate is a
 first-in, first-out queue: a packet takes as long as its bits, and packets that find the queue full
 are lost. The software at an end may take a time for each message: it gets the bytes so much later,
-in their order, while what has no bytes passes at once. Packets to and from the dispatcher's address
+in their order, while what has no bytes passes at once; queued, one after the other, whichever cable
+they come by. Packets to and from the dispatcher's address
 belong to the simulation: no cable delays them.
 """
 
@@ -16,7 +17,6 @@ import random
 import select
 import socket
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from ipaddress import IPv4Address
@@ -24,7 +24,7 @@ from itertools import count
 
 from wire.config import CopperConfig
 from wire.network_time import CABLES, NEVER, GateClient, SteppedTime
-from wire.parameters.delays import draws
+from wire.parameters.delays import draws, is_queued
 
 MOST_BYTES = 1 << 16
 AT_ONCE = 64  # frames read from one end before the next is served
@@ -45,6 +45,21 @@ def has_message(frame: bytes) -> bool:
     return length > header + 4 * (frame[IP + header + TCP_OFFSET] >> 4)
 
 
+class Software:
+    """The software at the end of a cable: when it has handled the messages that have arrived."""
+
+    def __init__(self, text: str, seed: str) -> None:
+        self._draw = draws(text, random.Random(seed))  # noqa: S311
+        self._is_queued = is_queued(text)
+        self._handled_ns = 0  # when it has handled the last one
+
+    def handled_ns(self, arrived_ns: int) -> int:
+        """Return when it has handled the next message."""
+        begin_ns = max(self._handled_ns, arrived_ns) if self._is_queued else arrived_ns
+        self._handled_ns = max(self._handled_ns + 1, begin_ns + self._draw())
+        return self._handled_ns
+
+
 @dataclass
 class Direction:
     """A cable from one end to the other."""
@@ -55,15 +70,7 @@ class Direction:
     loss: float
     ns_per_byte: float = 0.0
     free_ns: int = 0  # when the queue is empty
-    software_ns: Callable[[], int] | None = None  # what that at the end takes for a message
-    handled_ns: int = 0  # when it has handled the last one
-
-    def handled_by(self, arrived_ns: int) -> int:
-        """Return when the software at the end has handled a message: one after the other."""
-        if self.software_ns is None:
-            return arrived_ns
-        self.handled_ns = max(self.handled_ns + 1, arrived_ns + self.software_ns())
-        return self.handled_ns
+    software: Software | None = None  # at its end; None: it takes no time
 
     def due_ns(self, length: int, now_ns: int) -> int | None:
         """Return when a frame that enters now comes out; None if the queue is full."""
@@ -81,6 +88,7 @@ class Forwarder:
         self._wake_reader, self._wake_writer = os.pipe()
         self._readable = select.epoll()
         self._readable.register(self._wake_reader, select.EPOLLIN)
+        queued: dict[str, Software] = {}
         for cable in config.cables:
             delay_ns = round(config.time.wall_s(cable.delay_s) * 1e9)
             ns_per_byte = config.time.wall_s(8e-6 / cable.mbps) * 1e9 if cable.mbps else 0.0
@@ -92,7 +100,9 @@ class Forwarder:
                 os.set_blocking(into, False)
                 way = Direction(into, out_of, delay_ns, cable.loss, ns_per_byte)
                 if software:
-                    way.software_ns = draws(software, random.Random(f"{config.seed} {name}"))  # noqa: S311
+                    way.software = Software(software, f"{config.seed} {name}")
+                if is_queued(software):
+                    way.software = queued.setdefault(name, way.software)
                 self._directions[into] = way
                 self._readable.register(into, select.EPOLLIN)
         time_ = config.time
@@ -101,8 +111,8 @@ class Forwarder:
         if self._gate:
             self._readable.register(self._gate, select.EPOLLIN)
         self._draws = random.Random(config.seed)  # noqa: S311
-        # When due, who speaks to whom, number, where to, frame.
-        self._under_way: list[tuple[int, bytes, int, int, bytes]] = []
+        # When due, who speaks to whom, number, where to, by which software first, frame.
+        self._under_way: list[tuple[int, bytes, int, int, Software | None, bytes]] = []
         self._numbers = count()
         self.held = self.lost = 0
 
@@ -164,18 +174,23 @@ class Forwarder:
         if due_ns is None:
             self.lost += 1
             return
-        if has_message(frame):
-            due_ns = direction.handled_by(due_ns)
-        ends = frame[ENDS] if self._gate else b""  # of one instant, the machine orders them
-        held = due_ns, ends, next(self._numbers), direction.out_of, frame
-        heapq.heappush(self._under_way, held)
+        software = direction.software if has_message(frame) else None
+        self._put(due_ns, direction.out_of, software, frame)
         self.held += 1
+
+    def _put(self, due_ns: int, out_of: int, software: Software | None, frame: bytes) -> None:
+        ends = frame[ENDS] if self._gate else b""  # of one instant, the machine orders them
+        held = due_ns, ends, next(self._numbers), out_of, software, frame
+        heapq.heappush(self._under_way, held)
 
     def _give_out(self) -> None:
         now_ns = self._now_ns()
         while self._under_way and self._under_way[0][0] <= now_ns:
-            *_, out_of, frame = heapq.heappop(self._under_way)
-            self._write(out_of, frame)
+            due_ns, _ends, _number, out_of, software, frame = heapq.heappop(self._under_way)
+            if software is None:
+                self._write(out_of, frame)
+            else:
+                self._put(software.handled_ns(due_ns), out_of, None, frame)
 
     def _is_simulation(self, frame: bytes) -> bool:
         addresses = ADDRESSES.get(frame[12:14], ())

@@ -49,8 +49,6 @@ class Experiment:
     implied: Callable[[Values], Values] = lambda _given: {}
     # Parameters that the network does not get, at their defaults here: it may have others.
     unsaid: Callable[[Values], Collection[str]] = lambda _values: ()
-    # Numbers of an outcome that tell how a point was measured: columns of their own, no figures.
-    circumstances: tuple[str, ...] = ()
 
     @property
     def names(self) -> list[str]:

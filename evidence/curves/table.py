@@ -38,7 +38,6 @@ class Table:
             theory = measure.expected(values, outcome)
             estimate = outcome[measure.name]
             row += [estimate.value, estimate.error, "" if theory is None else theory]
-        row += [outcome[name].value for name in self._experiment.circumstances]
         self._file.add(row)
         self._known[self._key(values, seed)] = outcome
 
@@ -71,7 +70,6 @@ class Table:
         for measure in experiment.measures:
             value, error, _theory = next(own), next(own), next(own)
             outcome[measure.name] = Estimate(float(value), float(error))
-        outcome |= {name: Estimate(float(next(own)), 0.0) for name in experiment.circumstances}
         return values, seed, outcome
 
 
@@ -79,7 +77,7 @@ def header(experiment: Experiment) -> list[str]:
     columns = ["seed", *(each.name for each in experiment.parameters)]
     for measure in experiment.measures:
         columns += [measure.name, f"{measure.name}_standard_error", f"{measure.name}_theory"]
-    return [*columns, *experiment.circumstances]
+    return columns
 
 
 @contextmanager

@@ -10,15 +10,11 @@ from pathlib import Path
 
 from evidence.kinds import listing, sweep
 from evidence.networks.catalogue import DEMOS
-from evidence.networks.point_network import TIME_SCALE
 from qmn.needs import Needs
-from qmn.network.time_scale import REAL
 from qmn.options import add_options, read
 from qmn.parser import Parser
 from qmn.requests.run_options import LiveOptions
 from wire.parameters.option import option
-
-AT_A_TIME = 1  # networks: beside another, software is slower
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,11 +22,6 @@ class DemoOptions(LiveOptions):
     """Where a demo leaves its figures."""
 
     seed: int = option(1, "of all randomness (1)")
-    time_scale: float = option(
-        REAL,
-        f"one second of each network takes K seconds here ({REAL})",
-        metavar="K",
-    )
     out: Path = option(Path("demos"), "(demos)", metavar="FOLDER")
 
 
@@ -61,10 +52,9 @@ def options_of(arguments: argparse.Namespace) -> sweep.SweepOptions:
     own = read(DemoOptions, arguments)
     return sweep.SweepOptions(
         what=DEMOS[arguments.name].experiment.name,
-        axes={**DEMOS[arguments.name].axes, TIME_SCALE.name: str(own.time_scale)},
+        axes=DEMOS[arguments.name].axes,
         emulate=True,
         seed=own.seed,
         out=own.out / arguments.name,
-        workers=AT_A_TIME,
         live=own.live,
     )

@@ -53,7 +53,7 @@ examples:
   qmn lab sweep sdc --depolarizing 0:0.2:11
   qmn lab sweep sdc --depolarizing 0.01:0.2:8 --fec none,golay --interleave off,on --pairs 1000000
   qmn lab sweep sdc --emulate --depolarizing 0:0.002:5
-  qmn lab sweep teleport --emulate --classical-mbps 0.5:20:8:log --memory-t2-s 0.05
+  qmn lab sweep teleport --emulate --copper-mbps 0.5:20:8:log --memory-t2-s 0.05
 """
 
 

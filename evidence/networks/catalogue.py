@@ -42,19 +42,19 @@ DEMOS: Mapping[str, Demo] = MappingProxyType(
             "a busy controller turns into decoherence of memories",
             control.CONTROL,
             control.measure,
-            {"requesters": "0,1,2,4,8"},
+            {"requesters": "0,1,2,4,8", "controller_delay_s": "0.001"},
         ),
         "far-controller": Demo(
-            "so does a way to it that is long, or loses packets",
+            "so does a long way to it",
             control.CONTROL,
             control.measure,
-            {"control_km": "0,5000,10000,20000", "control_loss": "0,0.05"},
+            {"control_km": "0,5000,10000,20000"},
         ),
         "flapping": Demo(
             "a fibre that flaps costs light, and no more if it flaps faster",
             flapping.FLAPPING,
             flapping.measure,
-            {"period_s": "0.25,0.5,1,2,4,8"},
+            {"period_s": "0.25,0.5,1,2,4,8", "controller_delay_s": "0.02"},
         ),
         "head-of-line": Demo(
             "a few long sessions keep all others waiting",

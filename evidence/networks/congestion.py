@@ -10,7 +10,6 @@ teleportation queue among them, and bob's halves dephase as long as that takes.
 """
 
 import math
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -20,13 +19,7 @@ from evidence.curves.estimates import Estimate, mean_of_series, proportion
 from evidence.curves.experiment import Experiment, Measure, Outcome, number
 from evidence.curves.parameters import Parameter, Values
 from evidence.networks.datagrams import LEAST_FRAME_BYTES, MOST_FRAME_BYTES
-from evidence.networks.point_network import (
-    SOFTWARE,
-    TIME_SCALE,
-    network_for,
-    session,
-    software_share,
-)
+from evidence.networks.point_network import network_for, session
 from evidence.networks.teleportation import WAITED
 from qmn.timeouts import EMULATED_READY_S
 from topologies.networks.network import Signals
@@ -46,37 +39,31 @@ PROGRAM = "evidence.networks.datagrams"
 def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome:
     """Teleport block after block while datagrams pass."""
     rate, share, size = (number(values, each.name) for each in (MBPS, SHARE, FRAME))
-    scale = number(values, TIME_SCALE.name)
     frame_s = size * 8e-6 / rate
     options = {
         "seed": seed,
-        "time_scale": scale,
         "copper_mbps": rate,
         "device": (f"bob.memory.t2_s={values[T2.name]}",),
     }
     with network_for(CONGESTION, values, runs, "sdc", **options) as network:
-        heard = network.run_on("bob", HEAR, [python(), "-m", PROGRAM, "hear"])
+        program = [python(), "-m", PROGRAM, network.runtime.time.folder]
+        heard = network.run_on("bob", HEAR, [*program, "hear"])
         heard.wait_for("ready", EMULATED_READY_S, network.check)
         if share:
-            words = ["say", network.host("bob").IP(), "--per-s", f"{share / frame_s / scale}"]
+            words = ["say", network.host("bob").IP(), "--per-s", f"{share / frame_s}"]
             words += ["--frame-bytes", f"{size:.0f}", "--seed", f"{seed}"]
-            network.run_on("alice", "datagrams.log", [python(), "-m", PROGRAM, *words])
-            time.sleep(number(values, ALONE.name) * scale)
+            network.run_on("alice", "datagrams.log", [*program, *words])
+            network.sleep(number(values, ALONE.name))
         alone = heard.log.read_text().splitlines()[1:]
         count = int(values[BLOCKS.name]) * BLOCK_STATES
         wanted = {"count": count, "block_pairs": BLOCK_STATES}
         with session(network, "teleport", ("alice", "bob"), **wanted) as asked:
             reports = asked.results()
-    measured = outcome(reports, alone, frame_s, number(values, T2.name), scale)
-    return {**measured, **software_share(network.runtime.logs)}
+    return outcome(reports, alone, frame_s, number(values, T2.name))
 
 
 def outcome(
-    reports: Sequence[dict[str, Any]],
-    alone: Sequence[str],
-    frame_s: float,
-    t2_s: float,
-    scale: float,
+    reports: Sequence[dict[str, Any]], alone: Sequence[str], frame_s: float, t2_s: float
 ) -> Outcome:
     """Return what was measured: of cumulated results of teleportation, and times of datagrams.
 
@@ -84,8 +71,8 @@ def outcome(
     """
     waits = waits_of(reports)
     last = reports[-1]
-    times_ns = [tuple(map(int, line.split())) for line in alone]  # of the wall
-    delays = [(came - sent) * 1e-9 / scale for sent, came in times_ns]
+    times_ns = [tuple(map(int, line.split())) for line in alone]
+    delays = [(came - sent) * 1e-9 for sent, came in times_ns]
     return {
         "queued": mean_of_series([each - 2 * frame_s for each in delays]),
         "wait": mean_of_series(waits),
@@ -124,7 +111,7 @@ def teleported(values: Values) -> float | None:
 CONGESTION = Experiment(
     "congestion",
     "teleportation whose two bits queue on congested copper",
-    (SHARE, MBPS, FRAME, T2, BLOCKS, ALONE, TIME_SCALE),
+    (SHARE, MBPS, FRAME, T2, BLOCKS, ALONE),
     (
         Measure("queued", "mean time that datagrams queue for the copper (s): M/D/1", queued),
         Measure("wait", "mean wait of halves in memory for their two bits (s)"),
@@ -132,5 +119,4 @@ CONGESTION = Experiment(
         Measure("fidelity", "average fidelity of the teleported state"),
         Measure("teleported", "average fidelity of the teleported state", teleported, over=WAITED),
     ),
-    circumstances=SOFTWARE,
 )

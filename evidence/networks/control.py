@@ -5,13 +5,12 @@
 
 alice and bob have pairs; bob then asks for a link of his own to h4, as who passes entanglement on.
 Both halves of the first pairs wait for the set-up of the second link: for switches that the
-controller reaches over long or lossy copper, or for a controller to which other hosts send one
+controller reaches over long copper, or for a controller to which other hosts send one
 request after the other.
 """
 
 import math
 import re
-import time
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -23,11 +22,10 @@ from evidence.curves.estimates import Estimate, mean_of_series, proportion
 from evidence.curves.experiment import Experiment, Measure, Outcome, number
 from evidence.curves.parameters import Parameter, Values
 from evidence.networks.point_network import (
-    SOFTWARE,
-    TIME_SCALE,
+    CONTROLLER_DELAY,
+    delay,
     network_for,
     session,
-    software_share,
 )
 from evidence.traffic.session import AGREE, like_phi_plus
 from hosts.client import BlockingSession
@@ -39,7 +37,6 @@ from wire.controller_lines import read_record
 from wire.parameters.network import MOST_KM
 
 KM = Parameter("control_km", 0.0, 0.0, MOST_KM, "km")
-LOSS = Parameter("control_loss", 0.0, 0.0, 0.9)
 REQUESTERS = Parameter("requesters", 0, 0, 12)
 T2 = Parameter("memory_t2_s", 2.0, 1e-3, 1e6, "s")
 ROUNDS = Parameter("rounds", 20, 5, 1_000)
@@ -59,17 +56,15 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
         "hosts": HOSTS,
         "switches": 1,  # hosts share no fibres, and light is never taken
         "seed": seed,
-        "time_scale": number(values, TIME_SCALE.name),
         "control_km": values[KM.name],
-        "control_loss": values[LOSS.name],
+        "controller_delay": f"queued({delay(number(values, CONTROLLER_DELAY.name))})",
         "device": tuple(f"{host}.memory.t2_s={t2_s}" for host in ("alice", "bob")),
     }
     with network_for(CONTROL, values, runs, "tree", **options) as network:
         begin_requests(network, int(values[REQUESTERS.name]))
         rounds = [_round(network) for _ in range(int(values[ROUNDS.name]))]
         folder = network.runtime.logs
-    measured = outcome(rounds, t2_s, folder, number(values, TIME_SCALE.name))
-    return {**measured, **software_share(folder)}
+    return outcome(rounds, t2_s, folder)
 
 
 def begin_requests(network: QuantumNetwork, requesters: int) -> None:
@@ -96,7 +91,7 @@ def _round(network: QuantumNetwork) -> Round:
     wanted: dict[str, Any] = {"sample": 0.0, "count": PAIRS, "source": "alice"}
     with session(network, "distribute", ("alice", "bob"), **wanted) as first:
         first.results()
-        asked_ns = time.time_ns()
+        asked_ns = network.runtime.time.now_ns()
         following: dict[str, Any] = {"sample": 0.0, "count": 1, "source": "bob"}
         with session(network, "distribute", ("bob", "h4"), NEXT_PORT, **following) as second:
             second.results()
@@ -113,14 +108,14 @@ def agreeing(pairs: BlockingSession, place: int) -> int:
     return agree
 
 
-def outcome(rounds: Sequence[Round], t2_s: float, folder: Path, scale: float) -> Outcome:
+def outcome(rounds: Sequence[Round], t2_s: float, folder: Path) -> Outcome:
     """Return what was measured, with the waits that the dispatcher tells of each memory."""
     ready_ns = {
         line["session"]: line["time_ns"]
         for line in read_record(folder)
         if line["event"] == "path_ready"
     }
-    setups_s = [(ready_ns[each.link] - each.asked_ns) / 1e9 / scale for each in rounds]
+    setups_s = [(ready_ns[each.link] - each.asked_ns) / 1e9 for each in rounds]
     waits = waits_of((folder / "quantum.log").read_text().splitlines())
     kept = [kept_of(waits[each.pairs], t2_s) for each in rounds]
     size = PAIRS // len(AGREE) * len(rounds)
@@ -176,12 +171,11 @@ def expected(values: Values) -> float:
 CONTROL = Experiment(
     "control",
     "pairs in memories, and a controller that is far or busy",
-    (KM, LOSS, REQUESTERS, T2, ROUNDS, TIME_SCALE),
+    (KM, CONTROLLER_DELAY, REQUESTERS, T2, ROUNDS),
     (
         Measure("setup_s", "from the request for the next link to its light path (s)"),
         Measure(WAITED.name, "wait of both halves in memory, as dephasing averages it (s)"),
         Measure("fidelity", "fidelity of the pairs that wait"),
         Measure("kept", "fidelity of the pairs that wait", expected, over=WAITED),
     ),
-    circumstances=SOFTWARE,
 )

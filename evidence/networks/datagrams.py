@@ -1,17 +1,19 @@
 """Datagrams of one size at random times between two hosts, and how long each was on its way.
 
-    python -m evidence.networks.datagrams hear                    prints the times of each, in ns
-    python -m evidence.networks.datagrams say 10.0.0.2 --per-s 20 --frame-bytes 1250
+    python -m evidence.networks.datagrams FOLDER hear             prints the times of each, in ns
+    python -m evidence.networks.datagrams FOLDER say 10.0.0.2 --per-s 20 --frame-bytes 1250
 
-They come as a Poisson process; both hosts have one clock, that of the machine.
+They come as a Poisson process; both hosts have one clock, which the gate of the folder steps.
 """
 
 import argparse
 import random
 import socket
 import struct
-import time
 from collections.abc import Iterator
+
+from programs.network_waits import NetworkWaits
+from wire.network_time import SteppedTime
 
 PORT = 10_009
 HEADERS_BYTES = 14 + 20 + 8  # of Ethernet, IPv4 and UDP
@@ -22,6 +24,7 @@ SENT_NS = struct.Struct("!Q")
 def main() -> None:
     """Say or hear until somebody ends it."""
     parser = argparse.ArgumentParser(prog="datagrams", description=__doc__)
+    parser.add_argument("folder")
     verbs = parser.add_subparsers(dest="verb", required=True)
     verbs.add_parser("hear")
     say_parser = verbs.add_parser("say")
@@ -30,33 +33,32 @@ def main() -> None:
     say_parser.add_argument("--frame-bytes", type=int, required=True)
     say_parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
+    clock = SteppedTime(folder=asked.folder)
     if asked.verb == "hear":
-        hear()
+        hear(clock)
     else:
-        say(asked.address, asked.per_s, asked.frame_bytes, asked.seed)
+        say(clock, asked.address, asked.per_s, asked.frame_bytes, asked.seed)
 
 
-def hear() -> None:
+def hear(clock: SteppedTime) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as hearing:
         hearing.bind(("", PORT))
         print("ready", flush=True)
         while True:
             data = hearing.recv(MOST_FRAME_BYTES)
-            came_ns = time.monotonic_ns()
+            came_ns = clock.now_ns()
             if len(data) >= SENT_NS.size:
                 print(SENT_NS.unpack_from(data)[0], came_ns, flush=True)
 
 
-def say(address: str, per_s: float, frame_bytes: int, seed: int) -> None:
-    """Send datagrams for ever, each at its time also if the one before was late."""
+def say(clock: SteppedTime, address: str, per_s: float, frame_bytes: int, seed: int) -> None:
+    """Send datagrams for ever, each at its time."""
     padding = bytes(frame_bytes - HEADERS_BYTES - SENT_NS.size)
-    due_s = time.monotonic()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as saying:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as saying, NetworkWaits(clock) as waits:
         saying.connect((address, PORT))
         for gap_s in gaps_s(per_s, seed):
-            due_s += gap_s
-            time.sleep(max(0.0, due_s - time.monotonic()))
-            saying.send(SENT_NS.pack(time.monotonic_ns()) + padding)
+            waits.sleep(gap_s)
+            saying.send(SENT_NS.pack(clock.now_ns()) + padding)
 
 
 def gaps_s(per_s: float, seed: int) -> Iterator[float]:

@@ -9,9 +9,9 @@ light is lost until the controller has moved the session; then the session stays
 fibre that flaps faster than sessions last costs no more than one cut for each of them.
 """
 
-import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import cycle
 from pathlib import Path
 from threading import Event as Flag
 from threading import Thread
@@ -22,13 +22,7 @@ from mininet.net import Mininet
 from evidence.curves.estimates import Estimate, mean_of_series, proportion
 from evidence.curves.experiment import Experiment, Measure, Outcome, number
 from evidence.curves.parameters import Parameter, Values
-from evidence.networks.point_network import (
-    SOFTWARE,
-    TIME_SCALE,
-    network_for,
-    session,
-    software_share,
-)
+from evidence.networks.point_network import CONTROLLER_DELAY, delay, network_for, session
 from qmn.running.event_sources import recorded
 from qmn.scripting.network import QuantumNetwork
 from topologies.networks.network import Signals
@@ -53,10 +47,10 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
     wanted |= {"block_pairs": BLOCK_PAIRS, "rate_hz": RATE_HZ}
     emitted = shared = 0
     times_s = []
-    scale = number(values, TIME_SCALE.name)
-    options = {"switches": 5, "seed": seed, "time_scale": scale}
+    options: dict[str, Any] = {"switches": 5, "seed": seed}
+    options["controller_delay"] = delay(number(values, CONTROLLER_DELAY.name))
     with network_for(FLAPPING, values, runs, "ring", **options) as network:
-        with flapping(network, number(values, PERIOD.name) * scale):
+        with flapping(network, number(values, PERIOD.name)):
             for _ in range(int(values[SESSIONS.name])):
                 with session(network, "distribute", ENDS, **wanted) as asked:
                     asked.results()
@@ -68,23 +62,22 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
     lost = proportion(emitted - shared, emitted)
     return {
         "lost": lost,
-        DARK.name: Estimate(dark_share(events, fibers, scale), 0.0),
+        DARK.name: Estimate(dark_share(events, fibers), 0.0),
         "lost_in_the_dark": lost,
         "session_s": mean_of_series(times_s),
-        **software_share(folder),
     }
 
 
 @contextmanager
 def flapping(network: QuantumNetwork, period_s: float) -> Iterator[None]:
-    """Let the fibre go down and up again meanwhile, by the wall, and leave it up."""
+    """Let the fibre go down and up again meanwhile, and leave it up."""
     enough = Flag()
 
     def flap() -> None:
-        turn, began_s = 0, time.monotonic()
-        while not enough.wait(max(0.0, began_s + (turn + 1) * period_s / 2 - time.monotonic())):
-            turn += 1
-            state = "down" if turn % 2 else "up"
+        for state in cycle(("down", "up")):
+            network.sleep(period_s / 2)
+            if enough.is_set():
+                break
             # Not ours, which waits for the controller: the fibre does not.
             Mininet.configLinkStatus(network.net, *FLAPPING_FIBER, state)
         network.net.configLinkStatus(*FLAPPING_FIBER, "up")
@@ -98,14 +91,11 @@ def flapping(network: QuantumNetwork, period_s: float) -> Iterator[None]:
         thread.join()
 
 
-def dark_share(events: Sequence[Event], fibers: Sequence[Fiber], scale: float = 1.0) -> float:
-    """Return the share of the light's time in which no path stood from one end to the other.
-
-    Events have times of the wall, where a second of the network takes `scale` seconds.
-    """
+def dark_share(events: Sequence[Event], fibers: Sequence[Fiber]) -> float:
+    """Return the share of the light's time in which no path stood from one end to the other."""
     spans = dark_spans(events, fibers, ENDS)
     light = [
-        (event.time_ns, event.time_ns + round(event.photons / RATE_HZ * scale * 1e9))
+        (event.time_ns, event.time_ns + round(event.photons / RATE_HZ * 1e9))
         for event in events
         if event.kind == "send" and event.node == ENDS[0]
     ]
@@ -165,12 +155,11 @@ def lost_in_the_dark(values: Values) -> float:
 FLAPPING = Experiment(
     "flapping",
     "sessions over a fibre that flaps, and a way round it",
-    (PERIOD, PAIRS, SESSIONS, TIME_SCALE),
+    (PERIOD, PAIRS, SESSIONS, CONTROLLER_DELAY),
     (
         Measure("lost", "pairs that are lost"),
         Measure(DARK.name, "share of the light's time without a path"),
         Measure("lost_in_the_dark", "pairs that are lost", lost_in_the_dark, over=DARK),
         Measure("session_s", "time that a session takes (s)"),
     ),
-    circumstances=SOFTWARE,
 )

@@ -16,7 +16,7 @@ from typing import Any
 from evidence.curves.estimates import Estimate, mean_of_series
 from evidence.curves.experiment import Experiment, Measure, Outcome, SweepError, number
 from evidence.curves.parameters import Parameter, Values
-from evidence.networks.point_network import SOFTWARE, TIME_SCALE, network_for, software_share
+from evidence.networks.point_network import network_for
 from evidence.traffic.driver import Driver
 from evidence.traffic.plan import Planned
 from evidence.traffic.session import Wanted
@@ -56,8 +56,7 @@ class OneFiber(FabricTopo):
 def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome:
     sides = [[f"{side}{place}" for place in range(1, HOSTS + 1)] for side in "ab"]
     wanted = Wanted(Service.DISTRIBUTE, {"count": PAIRS, "sample": 0.0}, own_source=True)
-    scale = number(values, TIME_SCALE.name)
-    options = {"seed": seed, "contention": "queue", "time_scale": scale}
+    options = {"seed": seed, "contention": "queue"}
     with network_for(HEAD_OF_LINE, values, runs, OneFiber, **options) as network:
         stacks = {host: network.runtime.socket(host) for host in network.runtime.devices}
         groups = sides[0], sides[1]
@@ -70,8 +69,7 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
         text = f"{len(others)} sessions had no light: {reasons}"
         raise SweepError(f"{HEAD_OF_LINE.place(values)}: {text}")
     short = [each.summary["session"] for each in driver.outcomes if not each.planned.priority]
-    measured = outcome(lights(read_record(folder), scale), short)
-    return {**measured, **software_share(folder)}
+    return outcome(lights(read_record(folder)), short)
 
 
 def planned(values: Values, seed: int) -> list[Planned]:
@@ -86,11 +84,11 @@ def planned(values: Values, seed: int) -> list[Planned]:
     return found
 
 
-def lights(record: Iterable[dict[str, Any]], scale: float = 1.0) -> dict[str, Light]:
+def lights(record: Iterable[dict[str, Any]]) -> dict[str, Light]:
     at: dict[str, dict[str, float]] = {}
     for line in record:
         if "session" in line:
-            time_s = line["time_ns"] / 1e9 / scale
+            time_s = line["time_ns"] / 1e9
             at.setdefault(line["session"], {}).setdefault(line["event"], time_s)
     return {
         name: (events.get("queued", ready_s), ready_s, events["torn_down"])
@@ -126,12 +124,11 @@ def expected(values: Values) -> float:
 HEAD_OF_LINE = Experiment(
     "head-of-line",
     "short sessions behind long ones, on one fibre",
-    (LONG, SHORT, SHARE, LOAD, SESSIONS, TIME_SCALE),
+    (LONG, SHORT, SHARE, LOAD, SESSIONS),
     (
         Measure("short_wait", "mean wait of short sessions for light (s)"),
         Measure(EXPECTED.name, "M/G/1 with the holding times that were measured (s)"),
         Measure("wait", "mean wait for light (s)", expected, over=EXPECTED),
         Measure("held", "mean time that light was held (s)"),
     ),
-    circumstances=SOFTWARE,
 )

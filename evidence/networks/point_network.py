@@ -1,35 +1,35 @@
-"""The network of a point of an experiment: which one, its fibres, its time, sessions in it."""
+"""The network of a point of an experiment: which one, its fibres, its software, sessions in it."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from math import nan
 from pathlib import Path
 from typing import Any
 
 from mininet.topo import Topo
 
-from evidence.curves.estimates import Estimate
-from evidence.curves.experiment import Experiment, Outcome, SweepError
+from evidence.curves.experiment import Experiment, SweepError, number
 from evidence.curves.parameters import Parameter, Values
 from hosts.client import BlockingSession, blocking_session
 from hosts.stack_socket import QuantumSocketError
 from qmn.network.custom_topology import BadTopology
+from qmn.network.time_scale import STEPPED
 from qmn.options import BadInput
 from qmn.requests.service_verbs import SERVICE_PORT
-from qmn.results import schema
 from qmn.results.run_folder import begin_folder
 from qmn.scripting import QuantumNetwork, start
 from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.system.processes.programs import NetworkError
-from wire.network_time import LEAST_SCALE, MOST_SCALE
+from wire.parameters.delays import MOST_NS
 
 TOPOLOGY = Parameter("topology", "sdc", text="a name of `qmn run`, or FILE.py:CLASS")
 MAP = Parameter("map", "", text="a known map or a file")
 SENDER = Parameter("from", "alice", text="the host that asks")
 RECEIVER = Parameter("to", "bob", text="the host that is asked")
 PLACES = (TOPOLOGY, MAP, SENDER, RECEIVER)
-TIME_SCALE = Parameter("time_scale", LEAST_SCALE, LEAST_SCALE, MOST_SCALE)
-SOFTWARE = ("software_share", "software_s", "dominated_by_software")  # the last one is 0 or 1
+CONTROLLER_DELAY, HOST_DELAY, AGENT_DELAY = SOFTWARE = tuple(
+    Parameter(f"{name}_delay_s", 0.0, 0.0, MOST_NS / 1e9, "s")
+    for name in ("controller", "host", "switch_agent")
+)
 
 
 @contextmanager
@@ -43,7 +43,7 @@ def network_for(
     """Start a network for a point; raise SweepError for all that goes wrong in it."""
     try:
         folder = begin_folder(runs, experiment.name)
-        with start(topology, folder, **options) as network:
+        with start(topology, folder, time=STEPPED, **options) as network:
             yield network
     except (NetworkError, QuantumSocketError, TimeoutError, BadInput, BadTopology) as error:
         raise SweepError(f"{experiment.place(values)} failed: {error}") from error
@@ -65,14 +65,13 @@ def session(
         asked.end()
 
 
-def software_share(folder: Path) -> Outcome:
-    """Return SOFTWARE from the result of a run that has ended; NaN if no qubit waited."""
-    result = schema.read_left(folder)
-    shares = {name: getattr(result, name) for name in SOFTWARE}
-    return {
-        name: Estimate(nan if share is None else float(share), 0.0)
-        for name, share in shares.items()
-    }
+def delays(values: Values) -> dict[str, str]:
+    """Return what software takes, as options of a network."""
+    return {each.name.removesuffix("_s"): delay(number(values, each.name)) for each in SOFTWARE}
+
+
+def delay(seconds: float) -> str:
+    return f"{round(seconds * 1e9)}ns"
 
 
 def is_default(values: Values) -> bool:

@@ -19,16 +19,16 @@ from evidence.networks.point_network import (
     RECEIVER,
     SENDER,
     SOFTWARE,
-    TIME_SCALE,
+    delays,
     fiber_settings,
     is_default,
     left_to_network,
-    software_share,
     topology_options,
 )
 from qmn.jobs import runner, superdense
 from qmn.jobs.transfer import TransferError
 from qmn.network.custom_topology import BadTopology
+from qmn.network.time_scale import STEPPED
 from qmn.options import BadInput
 from qmn.requests.superdense import SuperdenseRequest, superdense_request
 from qmn.results.run_result import RunResult
@@ -41,11 +41,8 @@ from wire.results.figures import SentFigures
 FIBERS_PASSED = 6
 MESSAGE_BYTES = Parameter("message_bytes", 65_536, 1, 1 << 30)
 FRAME_BYTES = Parameter("frame_bytes", 32, 1, 65_536)
-CONTROL = (
-    Parameter("control_km", 0.0, 0.0, MOST_KM, "km"),
-    Parameter("control_loss", 0.0, 0.0, 0.9),
-)
-OPTIONS = (RATE, FRAME_BYTES, FEC, PRESET, TIME_SCALE, *CONTROL)  # by these names of its request
+CONTROL_KM = Parameter("control_km", 0.0, 0.0, MOST_KM, "km")
+OPTIONS = (RATE, FRAME_BYTES, FEC, PRESET, CONTROL_KM)  # by these names of its request
 
 
 def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
@@ -59,7 +56,7 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
             figures = runner.run(job, context)
         except (NetworkError, TransferError, BadInput, BadTopology) as error:
             raise SweepError(f"{SUPERDENSE.place(values)} failed: {error}") from error
-    return {**outcome(figures), **software_share(context.folder)}
+    return outcome(figures)
 
 
 def request(values: Values, seed: int, message: Path, runs: Path) -> SuperdenseRequest:
@@ -74,7 +71,9 @@ def request(values: Values, seed: int, message: Path, runs: Path) -> SuperdenseR
         runs=runs,
         captures="none",
         without="report",
+        time=STEPPED,
         **topology_options(values),
+        **delays(values),
         **named,
     )
 
@@ -123,8 +122,8 @@ SUPERDENSE = Experiment(
         RATE,
         FRAME_BYTES,
         FEC,
-        TIME_SCALE,
-        *CONTROL,
+        CONTROL_KM,
+        *SOFTWARE,
         INTERLEAVE,
         MESSAGE_BYTES,
         *PLACES,
@@ -136,5 +135,4 @@ SUPERDENSE = Experiment(
     ),
     implied=fiber_implied,
     unsaid=partial(left_to_network, FIBER),
-    circumstances=SOFTWARE,
 )

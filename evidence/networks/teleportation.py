@@ -1,7 +1,7 @@
-"""Teleportation in whole networks whose classical channel is slow: what waiting costs.
+"""Teleportation in whole networks whose copper or software is slow: what waiting costs.
 
 The receiver's halves wait in its memory until the two bits of each are there, as packets that queue
-for a slow channel. How long that was is measured, and theory is asked about that time.
+for slow copper. How long that was is measured, and theory is asked about that time.
 """
 
 import math
@@ -20,16 +20,16 @@ from evidence.networks.point_network import (
     RECEIVER,
     SENDER,
     SOFTWARE,
-    TIME_SCALE,
+    delays,
     fiber_settings,
     is_default,
     left_to_network,
-    software_share,
     topology_options,
 )
 from qmn.jobs import counted_service, runner
 from qmn.jobs.transfer import TransferError
 from qmn.network.custom_topology import BadTopology
+from qmn.network.time_scale import STEPPED
 from qmn.options import BadInput
 from qmn.requests.service import ServiceRequest, service_request
 from topologies.networks.network import Signals
@@ -39,7 +39,7 @@ from wire.parameters.physics import Memory
 from wire.results.figures import TeleportFigures
 
 FIBERS_PASSED = 4  # two by either half of a pair
-RATE = Parameter("classical_mbps", MOST_MBPS, LEAST_MBPS, MOST_MBPS, "Mbit/s")
+RATE = Parameter("copper_mbps", MOST_MBPS, LEAST_MBPS, MOST_MBPS, "Mbit/s")
 (DEPOLARIZING,) = (each for each in FIBER if each.name == "depolarizing")
 MEMORY = {each.name: each for each in of_dataclass("memory_", Memory())}
 T1, T2 = MEMORY["memory_t1_s"], MEMORY["memory_t2_s"]
@@ -58,7 +58,7 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
     except (NetworkError, TransferError, BadInput, BadTopology) as error:
         raise SweepError(f"{TELEPORT.place(values)} failed: {error}") from error
     assert isinstance(figures, TeleportFigures)  # it has gone well
-    return {**outcome(figures), **software_share(context.folder)}
+    return outcome(figures)
 
 
 def request(values: Values, seed: int, runs: Path) -> ServiceRequest:
@@ -75,13 +75,14 @@ def request(values: Values, seed: int, runs: Path) -> ServiceRequest:
         seed=seed,
         backend="chp" if state == "random" else "dense",
         fiber=fiber_settings(values, [DEPOLARIZING]),
-        time_scale=values[TIME_SCALE.name],
+        time=STEPPED,
         device=tuple(f"{receiver}.memory.{name}={time}" for name, time in times.items()),
         runs=runs,
-        classical_mbps=values[RATE.name],
+        copper_mbps=values[RATE.name],
         captures="none",
         without="report",
         **topology_options(values),
+        **delays(values),
     )
 
 
@@ -105,12 +106,11 @@ def teleported(values: Values) -> float | None:
 
 TELEPORT = Experiment(
     "teleport",
-    "teleportation in the emulated network with a slow classical channel",
-    (RATE, T1, T2, DEPOLARIZING, STATE, STATES, TIME_SCALE, *PLACES),
+    "teleportation in the emulated network with slow copper or software",
+    (RATE, T1, T2, DEPOLARIZING, STATE, STATES, *SOFTWARE, *PLACES),
     (
         Measure(WAITED.name, "measured wait in memory for the two bits (s)"),
         Measure("teleported", "average fidelity of the teleported state", teleported, over=WAITED),
     ),
     unsaid=partial(left_to_network, (DEPOLARIZING,)),
-    circumstances=SOFTWARE,
 )

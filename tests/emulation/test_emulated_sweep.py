@@ -86,8 +86,7 @@ def test_a_cluster_measures_the_same_as_this_machine(two_points: Path, tmp_path:
         done = sweep(tmp_path, *TWO_POINTS, "--scheduler", there.scheduler_address)
     assert done.returncode == 0, done.stderr
     for mine, theirs in zip(lines(two_points), lines(tmp_path), strict=True):
-        timed = {name for name in mine if name.startswith(("path_setup_s", "software"))}
-        assert [mine[n] for n in mine.keys() - timed] == [theirs[n] for n in mine.keys() - timed]
+        assert mine == theirs
 
 
 def test_nothing_is_left_of_networks_whose_sweep_is_killed(tmp_path: Path) -> None:
@@ -104,7 +103,7 @@ def test_fidelity_falls_with_the_measured_latency_of_the_two_bits_as_theory_says
     tmp_path: Path,
 ) -> None:
     t1_s, t2_s, states = 0.5, 0.2, 16_384
-    words = ("--classical-mbps", "0.2,20", "--memory-t1-s", str(t1_s), "--memory-t2-s", str(t2_s))
+    words = ("--copper-mbps", "0.2,20", "--memory-t1-s", str(t1_s), "--memory-t2-s", str(t2_s))
     command = [*COMMAND[:5], "teleport", "--emulate", *words, "--out", str(tmp_path)]
     done = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=PROGRAM_S
@@ -112,18 +111,12 @@ def test_fidelity_falls_with_the_measured_latency_of_the_two_bits_as_theory_says
     assert done.returncode == 0, done.stderr
     assert "further from theory" not in done.stdout
     with (tmp_path / "teleport-emulated.csv").open() as file:
-        slow, fast = sorted(csv.DictReader(file), key=lambda row: float(row["classical_mbps"]))
+        slow, fast = sorted(csv.DictReader(file), key=lambda row: float(row["copper_mbps"]))
     for line in (slow, fast):
         waited_s, found = float(line["measured_wait_s"]), float(line["teleported"])
         fidelity = 1 / 2 + (2 * exp(-waited_s / t2_s) + exp(-waited_s / t1_s)) / 6
         assert abs(found - fidelity) <= 5 * float(line["teleported_standard_error"])
-        assert waited_s > 2 * states / (1e6 * float(line["classical_mbps"]))
-        assert float(line["time_scale"]) == 1
-        # Nothing but programs and copper of theirs is waited for.
-        assert 0.5 < float(line["software_share"]) <= 1
-        assert float(line["software_s"]) > 0
-        dominated = float(line["software_s"]) > 0.01 * t2_s
-        assert float(line["dominated_by_software"]) == dominated
+        assert waited_s > 2 * states / (1e6 * float(line["copper_mbps"]))
     assert float(slow["measured_wait_s"]) > float(fast["measured_wait_s"])
     assert float(slow["teleported"]) < float(fast["teleported"])
     assert (tmp_path / "teleport-emulated-teleported.png").stat().st_size > 10_000
@@ -132,14 +125,14 @@ def test_fidelity_falls_with_the_measured_latency_of_the_two_bits_as_theory_says
 @pytest.mark.nightly
 def test_a_long_way_to_the_controller_takes_set_up_time(tmp_path: Path) -> None:
     """The controller asks the quantum switch for paths, and waits for its answer."""
-    words = ("--control-km", "0,1000", "--time-scale", "20")
+    words = ("--control-km", "0,1000")
     done = sweep(tmp_path, *words)
     assert done.returncode == 0, done.stderr
     with (tmp_path / "sdc-emulated.csv").open() as file:
         near, far = csv.DictReader(file)
     round_trip_s = 2 * 1000e3 / 2.04e8
-    assert float(far["path_setup_s"]) >= round_trip_s
-    assert float(near["path_setup_s"]) < round_trip_s  # software of 200 ms here would be as long
+    longer_s = float(far["path_setup_s"]) - float(near["path_setup_s"])
+    assert longer_s == pytest.approx(round_trip_s, rel=1e-4)
     assert (tmp_path / "sdc-emulated-path_setup_s.png").stat().st_size > 10_000
 
 

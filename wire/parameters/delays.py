@@ -1,6 +1,6 @@
 """Delays of software that a user states: a number with its unit, or a distribution of such.
 
-5ms, 200us, exponential(1ms) by its mean, uniform(1ms,3ms)
+5ms, 200us, exponential(1ms) by its mean, uniform(1ms,3ms); queued(1ms): one after the other
 """
 
 import re
@@ -11,8 +11,8 @@ from random import Random
 UNITS_NS = {"ns": 1.0, "us": 1e3, "ms": 1e6, "s": 1e9}
 MOST_NS = 10e9
 NUMBER = re.compile(r"(\d+(?:\.\d+)?)(ns|us|ms|s)")
-DISTRIBUTION = re.compile(r"(exponential|uniform)\(([^()]*)\)")
-NUMBERS = {"": 1, "exponential": 1, "uniform": 2}  # of each distribution; none: a constant
+DISTRIBUTION = re.compile(r"(exponential|uniform|queued)\(([^()]*)\)")
+NUMBERS = {"": 1, "exponential": 1, "uniform": 2, "queued": 1}  # none: a constant
 
 
 def delay(text: str) -> str:
@@ -32,6 +32,11 @@ def draws(text: str, random: Random) -> Callable[[], int]:
     return lambda: round(numbers[0])
 
 
+def is_queued(text: str) -> bool:
+    """Return whether a program handles one message after the other."""
+    return text.startswith("queued")
+
+
 def _parsed(text: str) -> tuple[str, list[float]]:
     """Return the name of a distribution and its numbers in nanoseconds."""
     distribution = DISTRIBUTION.fullmatch(text)
@@ -41,6 +46,7 @@ def _parsed(text: str) -> tuple[str, list[float]]:
     fits = len(numbers) == len(words) == NUMBERS[name]
     if not fits or max(numbers) > MOST_NS or numbers != sorted(numbers):
         raise ArgumentTypeError(
-            f"{text}: write 5ms, 200us, exponential(1ms) or uniform(1ms,3ms), at most 10s"
+            f"{text}: write 5ms, 200us, exponential(1ms), uniform(1ms,3ms) or queued(1ms), "
+            "at most 10s"
         )
     return name, numbers

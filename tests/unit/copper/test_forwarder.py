@@ -17,7 +17,7 @@ import pytest
 from limits import SOON_S
 from stepping import stepping
 
-from copper.forwarder import QUEUE_BYTES, Direction, Forwarder
+from copper.forwarder import QUEUE_BYTES, Direction, Forwarder, Software
 from wire.config import Cable, CopperConfig
 
 ALICE, BOB, ED = (IPv4Address(f"10.0.0.{number}").packed for number in (1, 2, 4))
@@ -121,9 +121,13 @@ def test_software_gets_bytes_of_tcp_after_its_time_and_the_kernel_the_rest_at_on
 
 def test_messages_that_are_handled_at_once_come_in_order_at_different_instants() -> None:
     """What gathers all of one instant and sorts it would else change their order."""
-    draws = iter([9, 5, 100])
-    way = Direction(0, 0, 0, 0.0, software_ns=lambda: next(draws))
-    assert [way.handled_by(arrived_ns) for arrived_ns in (1, 2, 3)] == [10, 11, 103]
+    software = Software("9ns", "")
+    assert [software.handled_ns(arrived_ns) for arrived_ns in (1, 1, 3)] == [10, 11, 12]
+
+
+def test_messages_in_a_queue_are_handled_one_after_the_other() -> None:
+    software = Software("queued(9ns)", "")
+    assert [software.handled_ns(arrived_ns) for arrived_ns in (1, 2, 50)] == [10, 19, 59]
 
 
 def test_packets_come_out_in_order_and_none_is_lost() -> None:

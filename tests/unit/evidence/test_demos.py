@@ -9,10 +9,8 @@ import pytest
 
 from evidence.curves import grid
 from evidence.curves.estimates import mean_of_series
-from evidence.kinds import demo, sweep
 from evidence.networks import congestion, control, flapping, head_of_line
 from evidence.networks.catalogue import DEMOS, EMULATED, MEASURED_BY
-from qmn.__main__ import described
 from wire.dispatcher_pb2 import Event
 from wire.parameters.fiber import Fiber, FiberEnd
 
@@ -23,13 +21,6 @@ def test_every_demo_is_a_sweep_on_a_grid_that_can_be(name: str) -> None:
     assert EMULATED[shown.experiment.name] is shown.experiment
     assert MEASURED_BY[shown.experiment.name] is shown.measure
     assert grid.build(shown.experiment, dict(shown.axes)).size > 3
-
-
-def test_a_demo_can_be_as_slow_as_one_says() -> None:
-    words = ["lab", "demo", "flapping", "--time-scale", "5"]
-    own = sweep.grid_of(demo.options_of(described(words).parse_args(words)))[0]
-    periods = [0.25, 0.5, 1, 2, 4, 8]
-    assert own.axes == {"period_s": periods, "time_scale": [5.0]}
 
 
 def test_demos_are_listed_without_root() -> None:
@@ -123,9 +114,6 @@ def test_light_is_in_the_dark_while_no_way_stands_from_end_to_end() -> None:
         event(200, "q1", "close", port="1", detail="1 -> 3"),
     ]
     assert isclose(flapping.dark_share(events, fibers), 0.4)
-    # With a time scale of two 100 ms of the network are 200 ms here: light until 210 ms, of which
-    # it is dark from 40 to 80 ms; of what no path follows nothing is said.
-    assert isclose(flapping.dark_share(events, fibers, 2.0), 0.2)
 
 
 def test_a_queue_of_one_waits_as_pollaczek_and_khinchine_say() -> None:
@@ -140,4 +128,3 @@ def test_the_record_tells_when_each_session_had_light() -> None:
     lines += [("b", "path_ready", 5), ("c", "queued", 6), ("b", "torn_down", 7)]
     record = [{"session": s, "event": e, "time_ns": t * 10**9} for s, e, t in lines]
     assert head_of_line.lights(record) == {"a": (1, 1, 4), "b": (2, 5, 7)}
-    assert head_of_line.lights(record, 2.0) == {"a": (0.5, 0.5, 2), "b": (1, 2.5, 3.5)}

@@ -154,8 +154,8 @@ SWAP_ALONE = (
     [
         (["nonsense"], "unknown sweep 'nonsense': choose one of sdc, teleport"),
         (["swap", "--emulate"], SWAP_ALONE),
-        (["teleport", "--emulate", "--classical-mbps", "0"], "choose 0.001 to 10000 Mbit/s"),
-        (["teleport", "--classical-mbps", "1"], "classical_mbps is not a parameter of teleport"),
+        (["teleport", "--emulate", "--copper-mbps", "0"], "choose 0.001 to 10000 Mbit/s"),
+        (["teleport", "--copper-mbps", "1"], "copper_mbps is not a parameter of teleport"),
         (["teleport", "--depolarizing", "0.1"], "depolarizing is not a parameter of teleport"),
         (["teleport", "--fidelity", "0.1"], "fidelity '0.1': choose 0.25 to 1"),
         (["teleport", "--workers", "0"], "--workers 0: choose 1 to 256"),

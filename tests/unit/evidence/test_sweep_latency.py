@@ -16,7 +16,6 @@ from evidence.curves.grid import Row, build
 from evidence.curves.pictures import pictures
 from evidence.curves.table import opened
 from evidence.networks.catalogue import EMULATED
-from evidence.networks.point_network import SOFTWARE
 from evidence.networks.teleportation import WAITED, outcome, request
 from qmn.jobs import counted_service
 
@@ -25,7 +24,7 @@ T1_S, T2_S, P = 0.5, 0.2, 0.02
 GRID = build(
     TELEPORT,
     {
-        "classical_mbps": [0.2, 1.0, 20.0],
+        "copper_mbps": [0.2, 1.0, 20.0],
         "memory_t1_s": T1_S,
         "memory_t2_s": T2_S,
         "depolarizing": P,
@@ -55,7 +54,7 @@ def rows() -> list[Row]:
     """Return points as theory has them; at the fastest channel nothing has arrived."""
     found: list[Row] = []
     for values in GRID.points():
-        rate = float(values["classical_mbps"])
+        rate = float(values["copper_mbps"])
         nothing = {WAITED.name: NOTHING, "teleported": NOTHING}
         found.append((values, nothing if rate == 20 else measured(waits(rate))))
     return found
@@ -76,13 +75,13 @@ def test_points_agree_by_the_wait_that_was_measured_and_not_by_the_rate() -> Non
     assert running.disagreements(TELEPORT, rows()) == []
     (values, _outcome), *others = rows()
     (text,) = running.disagreements(TELEPORT, [(values, measured(0.1, off=0.006)), *others])
-    assert "classical_mbps 0.2" in text
+    assert "copper_mbps 0.2" in text
     assert f"theory {fidelity(0.1):.6g}" in text
 
 
 def test_the_table_has_the_theory_of_the_measured_wait(tmp_path: Path) -> None:
     values = next(GRID.points())
-    outcome = {**measured(0.25), **{name: Estimate(0.5, 0.0) for name in SOFTWARE}}
+    outcome = measured(0.25)
     with opened(tmp_path / "teleport.csv", TELEPORT) as table:
         table.add(values, 1, outcome)
     with (tmp_path / "teleport.csv").open() as file:
@@ -94,7 +93,7 @@ def test_the_table_has_the_theory_of_the_measured_wait(tmp_path: Path) -> None:
 
 def test_the_figure_has_the_measured_wait_as_its_axis(tmp_path: Path) -> None:
     by_rate, by_wait = pictures(GRID, rows())
-    assert (by_rate.x.name, by_rate.measure.name) == ("classical_mbps", WAITED.name)
+    assert (by_rate.x.name, by_rate.measure.name) == ("copper_mbps", WAITED.name)
     assert (by_wait.x.name, by_wait.measure.name) == (WAITED.name, "teleported")
     assert by_wait.x_label == "measured wait in memory for the two bits (s)"
     assert [label for label, _points in by_wait.series] == ["state random", "state haar"]
@@ -109,10 +108,10 @@ def test_the_figure_has_the_measured_wait_as_its_axis(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("state", "backend"), [("random", "chp"), ("haar", "dense")])
 def test_a_point_is_what_qmn_run_can_be_told(tmp_path: Path, state: str, backend: str) -> None:
-    values = TELEPORT.complete({"state": state, "classical_mbps": 0.5, "memory_t2_s": T2_S})
+    values = TELEPORT.complete({"state": state, "copper_mbps": 0.5, "memory_t2_s": T2_S})
     asked = request(values, 7, tmp_path)
     network = asked.network
-    assert (asked.run.classical_mbps, network.backend, network.seed) == (0.5, backend, 7)
+    assert (network.copper_mbps, network.backend, network.seed) == (0.5, backend, 7)
     assert network.device == ("bob.memory.t1_s=inf", f"bob.memory.t2_s={T2_S}")
     options = counted_service.checked(asked)[0].options
     assert options.count == options.block_pairs  # all in one block

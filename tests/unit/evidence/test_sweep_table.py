@@ -44,25 +44,6 @@ def test_points_are_read_back_as_they_were(file: Path) -> None:
         assert not table.cut_off
 
 
-@pytest.mark.parametrize("name", EMULATED)
-def test_how_much_was_software_is_beside_what_a_network_has_measured(
-    tmp_path: Path, name: str
-) -> None:
-    path, experiment = tmp_path / "emulated.csv", EMULATED[name]
-    values = experiment.complete({})
-    measured = {each.name: Estimate(0.25, 0.125) for each in experiment.measures}
-    told = {"software_share": 0.5, "software_s": 0.0625, "dominated_by_software": 1.0}
-    outcome = {**measured, **{each: Estimate(value, 0.0) for each, value in told.items()}}
-    with opened(path, experiment) as table:
-        table.add(values, SEED, outcome)
-    with opened(path, experiment) as table:
-        assert table.get(values, SEED) == outcome
-    with path.open() as file:
-        (line,) = csv.DictReader(file)
-    assert {name: float(line[name]) for name in told} == told
-    assert float(line["time_scale"]) == 1.0
-
-
 def test_another_seed_is_another_point(file: Path) -> None:
     with opened(file, TELEPORT) as table:
         assert table.get(point(0.5)[0], SEED + 1) is None
@@ -132,7 +113,6 @@ def test_what_a_network_of_ones_own_is_not_told_is_empty(
     """Its fibres have the length and the loss that its file says, not the defaults of a sweep."""
     experiment, path = EMULATED[name], tmp_path / "sweep.csv"
     outcome = {measure.name: Estimate(0.5, 0.1) for measure in experiment.measures}
-    outcome |= {name: Estimate(0.5, 0.0) for name in experiment.circumstances}
     own: Values = {"topology": "mine.py:Lab"}
     given: list[Values] = [{}, own, {**own, "depolarizing": 0.02}]
     points = [experiment.complete(each) for each in given]
@@ -152,7 +132,6 @@ def test_an_empty_value_of_the_network_that_is_told_is_refused(tmp_path: Path) -
     path = tmp_path / "sweep.csv"
     experiment = EMULATED["teleport"]
     outcome = {measure.name: Estimate(0.5, 0.1) for measure in experiment.measures}
-    outcome |= {name: Estimate(0.5, 0.0) for name in experiment.circumstances}
     with opened(path, experiment) as table:
         table.add(experiment.complete({"depolarizing": 0.02}), SEED, outcome)
     path.write_text(path.read_text().replace(",0.02,", ",,"))

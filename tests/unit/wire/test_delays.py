@@ -17,6 +17,7 @@ DRAWS = 20_000
         ("250ns", 250, 0),
         ("1.5us", 1_500, 0),
         ("2s", 2e9, 0),
+        ("queued(1ms)", 1e6, 0),
         ("exponential(3ms)", 3e6, 3e6),
         ("uniform(1ms, 4ms)", 2.5e6, 3e6 / sqrt(12)),
     ],
