@@ -45,6 +45,7 @@ FIBER_PORTS = [1, 2, 3, 4]
 DATAPATH = ProtocolDesc(version=ofp.OFP_VERSION)
 BRIDGE = f"qat{os.getpid()}"
 TOKEN = "0f1e2d"
+RENEWING = 1 << 30  # a transaction id of no test
 
 needs_open_vswitch = pytest.mark.skipif(
     os.geteuid() != 0 or shutil.which("ovs-vsctl") is None,
@@ -355,6 +356,14 @@ class Switch:
         for controller in self.controllers:
             controller.socket.close()
             controller.listener.close()
+
+    def renew(self) -> None:
+        """Make it dark, as a new one; what a test has not spoiled is as it was."""
+        self.dispatcher.refused = set()
+        accepted(self.controller, flow_mod(None, command=ofp.OFPFC_DELETE), RENEWING)
+        self.dispatcher.readings = pb.SwitchStatisticsReply()
+        self.dispatcher.tuned.clear()
+        self.dispatcher.sets, self.dispatcher.asked = [[]], 1
 
     def connects(self, *paths: tuple[int, int]) -> None:
         """Wait until these are the cross-connects."""

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -48,7 +49,8 @@ STANDS: dict[str, tuple[Callable[[], Topo], dict[str, Any]]] = {
     "queueing_network": (SdcTopo, {"contention": "queue"}),
     "netqasm_network": (TappedTopo, {"looking": True}),
 }
-SECOND = "second"  # the fixture of another machine, which is shared, too
+# Fixtures of another machine, and of a switch without a network, which are shared, too.
+SECOND, SWITCH = "second", "switch"
 POLICY = "policy.toml"
 # What all programs that these tests start inherit, and no other program on this machine has.
 MARK = ("QMN_TESTS", secrets.token_hex(8))
@@ -63,7 +65,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     Together they use the processors as well as they can; those that have nothing left to do take
     over what others have, from its end. The first of n workers gets the first nth of all tests.
     """
-    shared = [*STANDS, SECOND, ""]
+    shared = [*STANDS, SECOND, SWITCH, ""]
     items.sort(key=lambda item: shared.index(stands_for(item.fixturenames)))  # type: ignore[attr-defined]
     workers = getattr(config, "workerinput", {}).get("workercount", 1)
     waiting = [item for item in items if item.get_closest_marker("waits")]
@@ -88,7 +90,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 def stands_for(fixtures: Sequence[str]) -> str:
     """Return what a test with these fixtures shares, "" if nothing."""
-    return next((name for name in (*STANDS, SECOND) if name in fixtures), "")
+    return next((name for name in (*STANDS, SECOND, SWITCH) if name in fixtures), "")
 
 
 def qmn(*arguments: str, runs: Path, report: bool = False) -> subprocess.CompletedProcess[str]:
@@ -219,6 +221,8 @@ def lent(name: str, folder: Path) -> Any:
     """Return what stands under this name."""
     if name == SECOND:
         return STANDING.take(name, partial(second_machine, folder))
+    if name == SWITCH:
+        return STANDING.take(name, partial(scene_of_agents().running_switch, folder))
     return STANDING.take(name, partial(standing, name, folder))
 
 
@@ -283,6 +287,30 @@ def second(_nothing_is_left: None, _standing: Path) -> SecondMachine:
     """Give the other machine, on which a worker is ready."""
     machine: SecondMachine = lent(SECOND, _standing)
     return machine
+
+
+def scene_of_agents() -> Any:
+    """Return the module, which loads os-ken and imports this one."""
+    return import_module("agent_scene")
+
+
+@pytest.fixture
+def switch(_nothing_is_left: None, _standing: Path) -> Iterator[Any]:
+    """Give a switch of four fibre ports with its controller, dark as a new one."""
+    lent_switch = lent(SWITCH, _standing)
+    try:
+        lent_switch.renew()
+        yield lent_switch
+    except BaseException:
+        STANDING.end()
+        raise
+
+
+@pytest.fixture
+def own_switch(tmp_path: Path) -> Iterator[Any]:
+    """Start a switch for a test that strikes it, or changes how it talks to its controller."""
+    with scene_of_agents().running_switch(tmp_path) as own:
+        yield own
 
 
 @contextmanager

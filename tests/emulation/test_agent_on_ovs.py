@@ -1,10 +1,8 @@
 """The agent's light paths over a real bridge: in time, restored, refused, cut."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import grpc
-import pytest
 from agent_scene import (
     BRIDGE,
     DATAPATH,
@@ -17,7 +15,6 @@ from agent_scene import (
     needs_open_vswitch,
     refused,
     run,
-    running_switch,
     veth_names,
     wait_until,
 )
@@ -29,23 +26,16 @@ from wire import dispatcher_pb2 as pb
 pytestmark = needs_open_vswitch
 
 
-@pytest.fixture
-def switch(tmp_path: Path) -> Iterator[Switch]:
-    """A switch of four fibre ports with its controller."""
-    with running_switch(tmp_path) as switch:
-        yield switch
-
-
-def test_a_cut_fibre_is_dark_also_for_an_agent_that_starts_later(switch: Switch) -> None:
-    switch.controller.add_paths(10, (1, 3), (3, 1), (4, 2))
-    switch.connects((1, 3), (3, 1), (4, 2))
+def test_a_cut_fibre_is_dark_also_for_an_agent_that_starts_later(own_switch: Switch) -> None:
+    own_switch.controller.add_paths(10, (1, 3), (3, 1), (4, 2))
+    own_switch.connects((1, 3), (3, 1), (4, 2))
     run("ip", "link", "set", veth_names()[0], "down")  # its peer, port 2, loses its carrier
-    switch.connects()
-    assert switch.end_agent() == 0
-    switch.start_agent()
-    assert switch.dispatcher.sets[-1] == []
+    own_switch.connects()
+    assert own_switch.end_agent() == 0
+    own_switch.start_agent()
+    assert own_switch.dispatcher.sets[-1] == []
     run("ip", "link", "set", veth_names()[0], "up")
-    switch.connects((1, 3), (3, 1), (4, 2))
+    own_switch.connects((1, 3), (3, 1), (4, 2))
 
 
 def test_barrier_is_answered_after_the_hardware(switch: Switch) -> None:
@@ -89,24 +79,24 @@ def test_entry_modified_by_hand_moves_its_path(switch: Switch) -> None:
     switch.connects((1, 3))
 
 
-def test_restarted_agent_restores_the_paths(switch: Switch) -> None:
-    switch.controller.add_paths(10, (1, 2), (4, 3))
-    switch.controller.answer(11)
-    assert switch.end_agent() == 0
+def test_restarted_agent_restores_the_paths(own_switch: Switch) -> None:
+    own_switch.controller.add_paths(10, (1, 2), (4, 3))
+    own_switch.controller.answer(11)
+    assert own_switch.end_agent() == 0
     flows("del-flows", "in_port=4")
-    switch.start_agent()
-    switch.connects((1, 2))
-    switch.controller.accept()
+    own_switch.start_agent()
+    own_switch.connects((1, 2))
+    own_switch.controller.accept()
 
 
-def test_paths_survive_the_controller(switch: Switch) -> None:
-    switch.controller.add_paths(10, (1, 2))
-    switch.controller.answer(11)
-    switch.controller.socket.close()
-    switch.controller.accept()
-    switch.controller.add_paths(20, (3, 4))
-    switch.controller.answer(21)
-    assert switch.dispatcher.sets == [[], [(1, 2)], [(1, 2), (3, 4)]]
+def test_paths_survive_the_controller(own_switch: Switch) -> None:
+    own_switch.controller.add_paths(10, (1, 2))
+    own_switch.controller.answer(11)
+    own_switch.controller.socket.close()
+    own_switch.controller.accept()
+    own_switch.controller.add_paths(20, (3, 4))
+    own_switch.controller.answer(21)
+    assert own_switch.dispatcher.sets == [[], [(1, 2)], [(1, 2), (3, 4)]]
 
 
 def test_one_entry_that_the_hardware_refuses_does_not_block_the_switch(switch: Switch) -> None:
@@ -128,21 +118,21 @@ def test_one_entry_that_the_hardware_refuses_does_not_block_the_switch(switch: S
     assert switch.dispatcher.sets[-1] == [(2, 1), (3, 4)]
 
 
-def test_what_is_stuck_is_refused_with_the_xid_of_its_message(switch: Switch) -> None:
+def test_what_is_stuck_is_refused_with_the_xid_of_its_message(own_switch: Switch) -> None:
     stuck = pb.SwitchCondition()
-    stuck.CopyFrom(switch.dispatcher.condition)
+    stuck.CopyFrom(own_switch.dispatcher.condition)
     stuck.stuck.add(in_port=1, out_port=3)
-    switch.dispatcher.changes(stuck)
-    assert isinstance(switch.controller.next(), parser.OFPPortStatus)  # blocked, from now on
+    own_switch.dispatcher.changes(stuck)
+    assert isinstance(own_switch.controller.next(), parser.OFPPortStatus)  # blocked, from now on
     cannot = ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT
-    assert refused(switch.controller, light(1, 2)) == cannot
-    bundle(switch.controller, 50, light(2, 4), light(4, 3))
-    wrong = switch.controller.answer(52)  # that of the second member
+    assert refused(own_switch.controller, light(1, 2)) == cannot
+    bundle(own_switch.controller, 50, light(2, 4), light(4, 3))
+    wrong = own_switch.controller.answer(52)  # that of the second member
     assert (wrong.type, wrong.code) == cannot
-    assert switch.controller.answer(50).code == ofp.OFPBFC_MSG_FAILED
-    accepted(switch.controller, light(2, 4), 60)
+    assert own_switch.controller.answer(50).code == ofp.OFPBFC_MSG_FAILED
+    accepted(own_switch.controller, light(2, 4), 60)
     assert "in_port=1" not in flows("dump-flows")
-    assert switch.dispatcher.sets[-1] == [(2, 4)]
+    assert own_switch.dispatcher.sets[-1] == [(2, 4)]
 
 
 def test_two_paths_into_one_port_that_came_by_hand_do_not_fail_the_barrier(switch: Switch) -> None:
@@ -152,33 +142,33 @@ def test_two_paths_into_one_port_that_came_by_hand_do_not_fail_the_barrier(switc
     assert switch.dispatcher.sets[-1] == [(1, 3), (4, 2)]
 
 
-def test_failing_dispatcher_ends_the_agent_after_an_error(switch: Switch) -> None:
-    switch.dispatcher.failure = grpc.StatusCode.UNAVAILABLE
-    switch.controller.send(light(1, 2), 10)
-    switch.controller.send(parser.OFPBarrierRequest(DATAPATH), 11)
-    assert switch.controller.answer(10).msg_type == ofp.OFPT_ERROR
-    assert switch.ended() == 1
-    assert "does not answer" in switch.log.read_text().splitlines()[-1]
+def test_failing_dispatcher_ends_the_agent_after_an_error(own_switch: Switch) -> None:
+    own_switch.dispatcher.failure = grpc.StatusCode.UNAVAILABLE
+    own_switch.controller.send(light(1, 2), 10)
+    own_switch.controller.send(parser.OFPBarrierRequest(DATAPATH), 11)
+    assert own_switch.controller.answer(10).msg_type == ofp.OFPT_ERROR
+    assert own_switch.ended() == 1
+    assert "does not answer" in own_switch.log.read_text().splitlines()[-1]
 
 
-def test_lost_dispatcher_ends_the_idle_agent(switch: Switch) -> None:
-    switch.dispatcher.stop()
-    assert switch.ended() == 1
-    assert "dispatcher at" in switch.log.read_text().splitlines()[-1]
+def test_lost_dispatcher_ends_the_idle_agent(own_switch: Switch) -> None:
+    own_switch.dispatcher.stop()
+    assert own_switch.ended() == 1
+    assert "dispatcher at" in own_switch.log.read_text().splitlines()[-1]
 
 
-def test_lost_bridge_ends_the_agent(switch: Switch) -> None:
+def test_lost_bridge_ends_the_agent(own_switch: Switch) -> None:
     run("ovs-vsctl", "del-br", BRIDGE)
-    assert switch.ended() == 1
-    assert f"{BRIDGE}.mgmt is gone" in switch.log.read_text().splitlines()[-1]
+    assert own_switch.ended() == 1
+    assert f"{BRIDGE}.mgmt is gone" in own_switch.log.read_text().splitlines()[-1]
 
 
-def test_thousands_of_entries_at_once_are_all_seen(switch: Switch, tmp_path: Path) -> None:
+def test_thousands_of_entries_at_once_are_all_seen(own_switch: Switch, tmp_path: Path) -> None:
     entries = [f"priority={number},in_port=1,actions=output:2\n" for number in range(1, 20001)]
     (tmp_path / "flows").write_text("".join(entries) + "priority=1,in_port=3,actions=output:4\n")
     run("ovs-ofctl", "-O", "OpenFlow14", "--bundle", "add-flows", BRIDGE, str(tmp_path / "flows"))
-    switch.controller.send(parser.OFPBarrierRequest(DATAPATH), 9)
-    assert isinstance(switch.controller.answer(9), parser.OFPBarrierReply)
-    assert switch.dispatcher.sets[-1] == [(1, 2), (3, 4)]
+    own_switch.controller.send(parser.OFPBarrierRequest(DATAPATH), 9)
+    assert isinstance(own_switch.controller.answer(9), parser.OFPBarrierReply)
+    assert own_switch.dispatcher.sets[-1] == [(1, 2), (3, 4)]
     flows("del-flows", "in_port=1")
-    switch.connects((3, 4))
+    own_switch.connects((3, 4))

@@ -40,13 +40,6 @@ BEGIN = bytes.fromhex("80000004 00000001")  # OXM: in_port 1
 OUTPUT_2 = bytes.fromhex("0000 0010 00000002 0000 000000000000")
 
 
-@pytest.fixture
-def switch(tmp_path: Path) -> Iterator[Switch]:
-    """A switch of four fibre ports with its controller."""
-    with running_switch(tmp_path) as switch:
-        yield switch
-
-
 def raw_flow_mod(oxm: bytes, instructions: bytes, **more: int) -> bytes:
     """Return the body of a FLOW_MOD (7.3.4.1) as it is on the wire."""
     length = more.get("match_length", 4 + len(oxm))
@@ -195,34 +188,34 @@ def described(instructions: Any) -> list[tuple[int, list[tuple[int, int]]]]:
 IDLE_ALONE = 1 << ofp.OFPRR_IDLE_TIMEOUT
 
 
-def test_controller_that_wants_idle_removals_alone_gets_them_alone(switch: Switch) -> None:
+def test_controller_that_wants_idle_removals_alone_gets_them_alone(own_switch: Switch) -> None:
     # 7.3.10: a set bit enables the message, a cleared one disables it.
     mask = parser.OFPAsyncConfigPropReasons(ofp.OFPACPT_FLOW_REMOVED_MASTER, 8, IDLE_ALONE)
-    switch.controller.send(parser.OFPSetAsync(DATAPATH, [mask]), 5)
-    switch.controller.send(parser.OFPGetAsyncRequest(DATAPATH), 6)
-    told = {one.type: one.mask for one in switch.controller.answer(6).properties}
+    own_switch.controller.send(parser.OFPSetAsync(DATAPATH, [mask]), 5)
+    own_switch.controller.send(parser.OFPGetAsyncRequest(DATAPATH), 6)
+    told = {one.type: one.mask for one in own_switch.controller.answer(6).properties}
     assert told[ofp.OFPACPT_FLOW_REMOVED_MASTER] == IDLE_ALONE
     flags = {"flags": ofp.OFPFF_SEND_FLOW_REM}
-    accepted(switch.controller, light(1, 2, **flags))
-    accepted(switch.controller, light(3, 4, idle_timeout=1, **flags), 610)
-    switch.controller.send(light(1, 2, command=ofp.OFPFC_DELETE), 620)  # heard of by nobody
-    while not isinstance(gone := switch.controller.next(), parser.OFPFlowRemoved):
+    accepted(own_switch.controller, light(1, 2, **flags))
+    accepted(own_switch.controller, light(3, 4, idle_timeout=1, **flags), 610)
+    own_switch.controller.send(light(1, 2, command=ofp.OFPFC_DELETE), 620)  # heard of by nobody
+    while not isinstance(gone := own_switch.controller.next(), parser.OFPFlowRemoved):
         pass
     assert (gone.match["in_port"], gone.reason) == (3, ofp.OFPRR_IDLE_TIMEOUT)
-    assert switch.controller.silent()
+    assert own_switch.controller.silent()
 
 
-def test_flow_monitor_tells_idle_time_outs_as_such(switch: Switch) -> None:
+def test_flow_monitor_tells_idle_time_outs_as_such(own_switch: Switch) -> None:
     # 7.3.5.17: ofp_flow_update_full has the reason of a removal, and the idle time-out.
     wanted = ofp.OFPFMF_ADD | ofp.OFPFMF_REMOVED
     request = parser.OFPFlowMonitorRequest(
         DATAPATH, 0, 9, ofp.OFPP_ANY, ofp.OFPG_ANY, wanted, 0, ofp.OFPFMC_ADD, parser.OFPMatch()
     )
-    switch.controller.send(request, 5)
-    switch.controller.send(light(3, 4, idle_timeout=1), 610)
+    own_switch.controller.send(request, 5)
+    own_switch.controller.send(light(3, 4, idle_timeout=1), 610)
     removed = None
     while removed is None:
-        message = switch.controller.next_bytes()
+        message = own_switch.controller.next_bytes()
         if message[1] == ofp.OFPT_MULTIPART_REPLY:
             for update in each_update(message[16:]):
                 # Changes made on the monitor's own connection are abbreviated.
@@ -304,13 +297,13 @@ def test_what_is_not_configured_stays(switch: Switch, configure: int, direction:
     assert not tuned.HasField("power_dbm")
 
 
-def test_a_fault_announces_each_port_once(switch: Switch) -> None:
+def test_a_fault_announces_each_port_once(own_switch: Switch) -> None:
     # 7.4.3: PORT_STATUS tells of a change; what has not changed is not told.
     stuck = pb.SwitchCondition()
-    stuck.CopyFrom(switch.dispatcher.condition)
+    stuck.CopyFrom(own_switch.dispatcher.condition)
     stuck.stuck.add(in_port=1, out_port=3)
-    switch.dispatcher.changes(stuck)
-    told = [switch.controller.next() for _port in range(2)]
+    own_switch.dispatcher.changes(stuck)
+    told = [own_switch.controller.next() for _port in range(2)]
     assert {one.desc.port_no for one in told} == {1, 3}
     for one in told:
         assert (one.reason, one.desc.state & ofp.OFPPS_BLOCKED) == (
@@ -318,7 +311,7 @@ def test_a_fault_announces_each_port_once(switch: Switch) -> None:
             ofp.OFPPS_BLOCKED,
         )
         assert one.desc.config == 0
-    assert switch.controller.silent()
+    assert own_switch.controller.silent()
 
 
 def test_bundle_member_that_cannot_be_is_refused_when_it_is_added(switch: Switch) -> None:

@@ -1,8 +1,6 @@
 """To a controller the bridge with its agent is an optical switch: OpenFlow 1.4, word by word."""
 
 import re
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from agent_scene import (
@@ -24,7 +22,6 @@ from agent_scene import (
     outputs,
     refused,
     run,
-    running_switch,
     tuning,
     veth_names,
     wait_until,
@@ -37,13 +34,6 @@ from wire import optical
 
 pytestmark = needs_open_vswitch
 BAD_PORT = ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT
-
-
-@pytest.fixture
-def switch(tmp_path: Path) -> Iterator[Switch]:
-    """A switch of four fibre ports with its controller."""
-    with running_switch(tmp_path) as switch:
-        yield switch
 
 
 def test_fibres_are_described_as_optical_ports(switch: Switch) -> None:
@@ -92,14 +82,14 @@ def test_port_statistics_count_photons_and_show_the_light(switch: Switch) -> Non
     assert (shown.bias_current, shown.temperature) == (85, 315)
 
 
-def test_a_cut_fibre_has_no_light(switch: Switch) -> None:
+def test_a_cut_fibre_has_no_light(own_switch: Switch) -> None:
     reading = pb.SwitchStatisticsReply.Port(port=2, rx_power_dbm=-0.0)
-    switch.dispatcher.readings = pb.SwitchStatisticsReply(ports=[reading])
+    own_switch.dispatcher.readings = pb.SwitchStatisticsReply(ports=[reading])
     run("ip", "link", "set", veth_names()[0], "down")  # its peer, port 2, loses its carrier
-    while switch.controller.next().desc.port_no != 2:
+    while own_switch.controller.next().desc.port_no != 2:
         pass
-    switch.controller.send(parser.OFPPortStatsRequest(DATAPATH, 0, 2), 5)
-    (port,) = switch.controller.answer(5).body
+    own_switch.controller.send(parser.OFPPortStatsRequest(DATAPATH, 0, 2), 5)
+    (port,) = own_switch.controller.answer(5).body
     assert not port.properties[0].flags & ofp.OFPOSF_RX_PWR
     assert port.properties[0].rx_pwr == 0x8000
 
@@ -192,17 +182,17 @@ def test_idle_entry_is_removed_and_its_photons_told(switch: Switch) -> None:
     assert gone.reason == ofp.OFPRR_DELETE
 
 
-def test_idle_timeout_outlives_the_agent(switch: Switch) -> None:
-    accepted(switch.controller, light(1, 3, idle_timeout=2, cookie=5))
-    circuit = switch.dispatcher.circuits[1, 3]
-    assert switch.end_agent() == 0
-    switch.start_agent()
-    switch.controller.accept()
-    assert switch.dispatcher.circuits[1, 3] == circuit
-    switch.dispatcher.passed(3, 1, 3)
-    (entry,) = entries(switch.controller)
+def test_idle_timeout_outlives_the_agent(own_switch: Switch) -> None:
+    accepted(own_switch.controller, light(1, 3, idle_timeout=2, cookie=5))
+    circuit = own_switch.dispatcher.circuits[1, 3]
+    assert own_switch.end_agent() == 0
+    own_switch.start_agent()
+    own_switch.controller.accept()
+    assert own_switch.dispatcher.circuits[1, 3] == circuit
+    own_switch.dispatcher.passed(3, 1, 3)
+    (entry,) = entries(own_switch.controller)
     assert (entry.idle_timeout, entry.packet_count) == (2, 3)
-    switch.connects()
+    own_switch.connects()
 
 
 def test_bundle_with_a_member_that_the_bridge_refuses_changes_nothing(switch: Switch) -> None:
@@ -327,21 +317,21 @@ def test_packets_that_come_out_of_a_fibre_go_nowhere(switch: Switch) -> None:
     assert switch.controller.silent()
 
 
-def test_slave_changes_nothing(switch: Switch) -> None:
-    controller = switch.controller
+def test_slave_changes_nothing(own_switch: Switch) -> None:
+    controller = own_switch.controller
     controller.send(parser.OFPRoleRequest(DATAPATH, ofp.OFPCR_ROLE_SLAVE, 1), 3)
     assert controller.answer(3).role == ofp.OFPCR_ROLE_SLAVE
     slave = ofp.OFPET_BAD_REQUEST, ofp.OFPBRC_IS_SLAVE
     assert refused(controller, light(1, 3)) == slave
     assert refused(controller, light(1, ofp.OFPP_FLOOD)) == slave
-    assert refused(controller, tuning(switch, 2, 193_500_000)) == slave
+    assert refused(controller, tuning(own_switch, 2, 193_500_000)) == slave
     where = [parser.OFPActionOutput(1)]
     lldp = parser.OFPPacketOut(DATAPATH, ofp.OFP_NO_BUFFER, ofp.OFPP_CONTROLLER, where, LLDP)
     assert refused(controller, lldp) == slave
-    assert (switch.dispatcher.sets, switch.dispatcher.tuned) == ([[]], [])
+    assert (own_switch.dispatcher.sets, own_switch.dispatcher.tuned) == ([[]], [])
     controller.send(parser.OFPRoleRequest(DATAPATH, ofp.OFPCR_ROLE_MASTER, 2), 4)
     accepted(controller, light(1, 3))
-    assert switch.dispatcher.sets[-1] == [(1, 3)]
+    assert own_switch.dispatcher.sets[-1] == [(1, 3)]
 
 
 def port_status(controller: Controller, *states: int) -> set[int]:
@@ -355,47 +345,47 @@ def port_status(controller: Controller, *states: int) -> set[int]:
     return {port for port, state in told.items() if state in states}
 
 
-def test_stuck_cross_connect_is_told(switch: Switch) -> None:
-    accepted(switch.controller, parser.OFPBarrierRequest(DATAPATH))  # the bridge knows us
+def test_stuck_cross_connect_is_told(own_switch: Switch) -> None:
+    accepted(own_switch.controller, parser.OFPBarrierRequest(DATAPATH))  # the bridge knows us
     stuck = pb.SwitchCondition()
-    stuck.CopyFrom(switch.dispatcher.condition)
+    stuck.CopyFrom(own_switch.dispatcher.condition)
     stuck.stuck.add(in_port=1, out_port=3)
-    switch.dispatcher.changes(stuck)
-    wait_until(lambda: not switch.controller.silent(), "PORT_STATUS")
+    own_switch.dispatcher.changes(stuck)
+    wait_until(lambda: not own_switch.controller.silent(), "PORT_STATUS")
     blocked = ofp.OFPPS_BLOCKED, ofp.OFPPS_BLOCKED | ofp.OFPPS_LIVE
-    assert port_status(switch.controller, *blocked) == {1, 3}
+    assert port_status(own_switch.controller, *blocked) == {1, 3}
 
 
-def test_hot_device_is_told(switch: Switch) -> None:
-    switch.controller.send(parser.OFPPortDescStatsRequest(DATAPATH, 0), 5)
-    ports = {port.port_no: port.state for port in switch.controller.answer(5).body}
+def test_hot_device_is_told(own_switch: Switch) -> None:
+    own_switch.controller.send(parser.OFPPortDescStatsRequest(DATAPATH, 0), 5)
+    ports = {port.port_no: port.state for port in own_switch.controller.answer(5).body}
     assert [ports[number] for number in (1, 2, 3, 4)] == 4 * [ofp.OFPPS_LIVE]
     hot = pb.SwitchCondition()
-    hot.CopyFrom(switch.dispatcher.condition)
+    hot.CopyFrom(own_switch.dispatcher.condition)
     hot.hot = True
-    switch.dispatcher.changes(hot)
-    wait_until(lambda: not switch.controller.silent(), "PORT_STATUS")
-    assert port_status(switch.controller, 0) == {1, 2, 3, 4}
+    own_switch.dispatcher.changes(hot)
+    wait_until(lambda: not own_switch.controller.silent(), "PORT_STATUS")
+    assert port_status(own_switch.controller, 0) == {1, 2, 3, 4}
 
 
-def test_cut_fibre_is_told_with_its_optics(switch: Switch) -> None:
+def test_cut_fibre_is_told_with_its_optics(own_switch: Switch) -> None:
     run("ip", "link", "set", veth_names()[0], "down")
-    wait_until(lambda: not switch.controller.silent(), "PORT_STATUS")
-    assert port_status(switch.controller, ofp.OFPPS_LINK_DOWN) == {1, 2}
+    wait_until(lambda: not own_switch.controller.silent(), "PORT_STATUS")
+    assert port_status(own_switch.controller, ofp.OFPPS_LINK_DOWN) == {1, 2}
 
 
-def test_paths_tell_their_loss_and_rotation(switch: Switch) -> None:
+def test_paths_tell_their_loss_and_rotation(own_switch: Switch) -> None:
     condition = pb.SwitchCondition()
-    condition.CopyFrom(switch.dispatcher.condition)
+    condition.CopyFrom(own_switch.dispatcher.condition)
     condition.paths.add(in_port=2, out_port=4, loss_db=1.25, rotation=3)
     condition.stuck.add(in_port=1, out_port=3)
-    switch.dispatcher.changes(condition)
-    port_status(switch.controller)
+    own_switch.dispatcher.changes(condition)
+    port_status(own_switch.controller)
     ask_ = parser.OFPExperimenterStatsRequest(
         DATAPATH, 0, optical.EXPERIMENTER, optical.PATH_OPTICS, b""
     )
-    switch.controller.send(ask_, 5)
-    body = switch.controller.answer(5).body
+    own_switch.controller.send(ask_, 5)
+    body = own_switch.controller.answer(5).body
     assert (body.experimenter, body.exp_type) == (optical.EXPERIMENTER, optical.PATH_OPTICS)
     any_port = optical.ANY_PORT
     assert optical.decode_path_optics(bytes(body.data)) == [

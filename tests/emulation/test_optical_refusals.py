@@ -1,10 +1,7 @@
 """Light is refused what it cannot do, with the fitting OpenFlow error, alone and in a bundle."""
 
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
-import pytest
 from agent_scene import (
     DATAPATH,
     Switch,
@@ -17,7 +14,6 @@ from agent_scene import (
     needs_open_vswitch,
     outputs,
     refused,
-    running_switch,
 )
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
@@ -78,13 +74,6 @@ WHAT_LIGHT_CANNOT_DO = {
     ),
     "LLDP into a fibre": (light(1, 2, fields={"eth_type": 0x88CC}), BAD_PORT),
 }
-
-
-@pytest.fixture
-def switch(tmp_path: Path) -> Iterator[Switch]:
-    """A switch of four fibre ports with its controller."""
-    with running_switch(tmp_path) as switch:
-        yield switch
 
 
 def test_what_light_cannot_do_is_refused(switch: Switch) -> None:

@@ -25,14 +25,14 @@ SLAVE = ofp.OFPET_BAD_REQUEST, ofp.OFPBRC_IS_SLAVE
 
 
 @pytest.fixture
-def switch(tmp_path: Path) -> Iterator[Switch]:
+def own_switch(tmp_path: Path) -> Iterator[Switch]:
     """A switch of four fibre ports with two controllers."""
-    with running_switch(tmp_path, controllers=2) as switch:
-        yield switch
+    with running_switch(tmp_path, controllers=2) as own_switch:
+        yield own_switch
 
 
-def test_neither_takes_an_output_that_the_other_has(switch: Switch) -> None:
-    one, other = switch.controllers
+def test_neither_takes_an_output_that_the_other_has(own_switch: Switch) -> None:
+    one, other = own_switch.controllers
     for turn in range(20):
         one.send(light(1, 3), 2 * turn + 100)
         one.send(parser.OFPEchoRequest(DATAPATH), 2 * turn + 101)
@@ -42,19 +42,19 @@ def test_neither_takes_an_output_that_the_other_has(switch: Switch) -> None:
         assert other.answer(51).code == ofp.OFPBAC_BAD_OUT_PORT
         accepted(one, flow_mod(1, command=ofp.OFPFC_DELETE))
     accepted(other, light(2, 3))
-    assert switch.dispatcher.sets[-1] == [(2, 3)]
+    assert own_switch.dispatcher.sets[-1] == [(2, 3)]
 
 
-def test_both_see_photons_and_timeouts_alike(switch: Switch) -> None:
-    one, other = switch.controllers
+def test_both_see_photons_and_timeouts_alike(own_switch: Switch) -> None:
+    one, other = own_switch.controllers
     accepted(one, light(1, 3, idle_timeout=30))
-    switch.dispatcher.passed(7, 1, 3)
+    own_switch.dispatcher.passed(7, 1, 3)
     seen = [entries(controller)[0] for controller in (one, other)]
     assert [(entry.packet_count, entry.idle_timeout) for entry in seen] == 2 * [(7, 30)]
 
 
-def test_new_master_makes_the_old_one_a_slave(switch: Switch) -> None:
-    one, other = switch.controllers
+def test_new_master_makes_the_old_one_a_slave(own_switch: Switch) -> None:
+    one, other = own_switch.controllers
     master = ofp.OFPCR_ROLE_MASTER
     one.send(parser.OFPRoleRequest(DATAPATH, master, 1), 3)
     assert one.answer(3).role == master
@@ -70,4 +70,4 @@ def test_new_master_makes_the_old_one_a_slave(switch: Switch) -> None:
     stale = one.answer(4)
     assert (stale.type, stale.code) == (ofp.OFPET_ROLE_REQUEST_FAILED, ofp.OFPRRFC_STALE)
     assert refused(one, light(3, 1)) == SLAVE
-    assert switch.dispatcher.sets[-1] == [(1, 3), (2, 4)]
+    assert own_switch.dispatcher.sets[-1] == [(1, 3), (2, 4)]
