@@ -265,6 +265,8 @@ class ControllerConfig(MeasuredConfig, ControllerSettings):
     device_keys: dict[str, str] = field(default_factory=dict)  # of each host
     addresses: dict[str, str] = field(default_factory=dict)  # of these hosts, IPv4
     stations: list[Station] = field(default_factory=list)  # on classical switches
+    # Of switches on copper that leads to switches: datapath id and port.
+    trunks: list[tuple[int, int]] = field(default_factory=list)
     console: str = ""  # path of the unix socket of the console; empty: none
     # The socket that listens at `rest`, from the runner: it may be of another network namespace.
     rest_fd: int | None = None

@@ -8,12 +8,12 @@ from typing import Any
 
 from controller_apps.console.views import light_view, name_of, request_view
 from controller_apps.devices.hosts_state import Place
-from controller_apps.light.paths import Network
+from controller_apps.light.paths import Network, switches
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.record import PortLines, Record
 from controller_apps.sessions.actions import Drop, Note
 from controller_apps.sessions.link_monitors import Links, names_of
-from controller_apps.sessions.sessions import Sessions
+from controller_apps.sessions.sessions import Session, Sessions
 from wire.device import DeviceReport
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason, Service
@@ -36,6 +36,7 @@ class Journal:
         self._record, self._network, self._sessions = record, network, sessions
         self._lines, self._logger, self._clock = PortLines(logger), logger, clock
         self.packet_in_count = 0
+        self.copied = False  # whether quantum switches get copies of set-up messages
         self.dropped: Counter[str] = Counter()  # by cause
 
     def packet_came(self) -> None:
@@ -60,6 +61,8 @@ class Journal:
             fields["setup_ms"] = round(note.setup_ms, 4)
         if note.detail:
             fields["detail"] = note.detail
+        if note.event == "copy_late" and note.at is not None:
+            fields["switch"] = self._network.name_of(note.at.dpid)
         if note.after is not None:
             after = {"session": f"{note.after.session:016x}", "ends": note.after.ends}
             fields |= {"ends": note.ends, "after": after}
@@ -78,7 +81,20 @@ class Journal:
         source = note.asked is not None and note.asked.setup.service == Service.PAIR_SOURCE
         if note.event not in ("granted", "moved") or session is None or source:
             return {}
-        return {"light": light_view(session, self._network)}
+        return {"light": light_view(session, self._network), **self._copies(note, session)}
+
+    def _copies(self, note: Note, session: Session) -> dict[str, Any]:
+        """Return how long after c0 each switch of a session's light had its set-up, in ms."""
+        if not self.copied or note.asked is None:
+            return {}
+        seen, started = note.asked.seen, note.asked.started
+        after_ms = {
+            self._network.name_of(dpid): round((seen[dpid] - started) * 1000, 4)
+            if dpid in seen
+            else None
+            for dpid in switches(session.hops)
+        }
+        return {"copies_ms": after_ms}
 
     def drop(self, drop: Drop) -> None:
         self.dropped[drop.cause] += 1

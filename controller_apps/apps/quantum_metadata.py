@@ -74,6 +74,7 @@ from wire.config import ControllerConfig
 from wire.malformed import MalformedPacket
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason
+from wire.parameters.network import OFF, REQUIRED
 
 DEVICE_MONITOR = "DeviceMonitor"  # the app that speaks to the hosts
 
@@ -107,10 +108,12 @@ class QuantumMetadata(App):
         sessions = self.arbiter.sessions
         # Open vSwitch counts it, on the wall clock.
         bypass_timeout_s = min(round(config.time.wall_s(config.idle_timeout_s)), 0xFFFF)
-        self.switches = Switches(frozenset(names), mac_table, bypass_timeout_s)
+        trunks = config.trunks if config.metadata_at_switch != OFF else []
+        self.switches = Switches(frozenset(names), mac_table, bypass_timeout_s, trunks)
         self.journal = Journal(
             record, self.network, sessions, self.logger, lambda: time.monotonic(), config.time
         )
+        self.journal.copied = bool(trunks)
         identities = Identities(config.device_keys, config.addresses)
         self.fibers = Fibers(self.network, record, self.logger, identities)
         self.permission = Permission(self._read_policy(), self.network, sessions)
@@ -280,7 +283,9 @@ class QuantumMetadata(App):
             SwitchPort(message.datapath.id, message.match["in_port"]),
             bytes(message.data),
         )
-        if at.dpid in self.switches.quantum:
+        if at.dpid in self.switches.quantum and is_tcp(frame):
+            self._do(self.arbiter.copy_arrived(at, frame, self._now()))
+        elif at.dpid in self.switches.quantum:
             self._lldp_arrived(at, frame)
         elif is_tcp(frame) and not self._instants.keeps(at, frame):
             self._segment_arrived(at, frame)
@@ -446,6 +451,7 @@ def _arbiter(network: Network, config: ControllerConfig) -> Arbiter:
         config.idle_timeout_s,
         config.loss_budget_db,
         queues=config.contention == "queue",
+        needs_copies=config.metadata_at_switch == REQUIRED,
         keys={at: config.device_keys[host] for host, at in config.addresses.items()},
         discovery_s=max(DISCOVERY_S, config.announcement_period_s),
     )

@@ -5,21 +5,22 @@ learns and forwards.
 Quantum switches: table 0 holds light paths and nothing else, but for LLDP.
 """
 
-from collections.abc import Set
+from collections.abc import Collection, Iterable, Set
 from typing import Any
 
 from controller_apps.light.paths import Hop
 from controller_apps.openflow.framework import Datapath, ofproto, parser
 from controller_apps.openflow.optical_messages import is_fiber
 from controller_apps.packets.datagrams import IP_UDP, is_udp
-from controller_apps.packets.segments import ACK, FIN, IP_TCP, RST, SYN, FiveTuple
+from controller_apps.packets.segments import ACK, FIN, IP_TCP, PSH, RST, SYN, FiveTuple
 from wire.device import DEVICE_PORT
-from wire.metadata.header import METADATA_PORT
+from wire.metadata.header import METADATA_PORT, QUANTUM_SWITCHES
 
 FILTER_TABLE, METADATA_TABLE, LEARNING_TABLE = 0, 1, 2
 LIGHT_TABLE = 0
-HIDDEN_PRIORITY = 500
-CLOSE_PRIORITY, BYPASS_PRIORITY, OPENING_PRIORITY, METADATA_PRIORITY = 400, 300, 250, 200
+TRUNK_PRIORITY, HIDDEN_PRIORITY = 510, 500
+CLOSE_PRIORITY, BYPASS_PRIORITY, OPENING_PRIORITY = 400, 300, 250
+PUSHED_PRIORITY, METADATA_PRIORITY = 210, 200
 PATH_PRIORITY = 100
 LLDP_PRIORITY = 65000
 LEARNING_PRIORITY = 1
@@ -27,6 +28,7 @@ ENTRIES_PER_BARRIER = 100
 ETH_TYPE_IPV4, ETH_TYPE_LLDP = 0x0800, 0x88CC
 VLAN_TAGS = 0x8100, 0x88A8  # IEEE 802.1Q, of customers and of services
 ALL_BITS = (1 << 64) - 1
+TO_METADATA_PORT = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_TCP, "tcp_dst": METADATA_PORT}
 
 
 def is_picked_datagram(message: Any, quantum_switches: Set[int]) -> bool:
@@ -34,13 +36,20 @@ def is_picked_datagram(message: Any, quantum_switches: Set[int]) -> bool:
     return classical and message.table_id == METADATA_TABLE and is_udp(message.data)
 
 
-def output(port: int) -> Any:
-    action = parser.OFPActionOutput(port, ofproto.OFPCML_NO_BUFFER)
-    return parser.OFPInstructionActions(ofproto.OFPIT_APPLY_ACTIONS, [action])
+def output(*ports: int) -> Any:
+    return _apply(_outputs(ports))
 
 
-def to_controller() -> Any:
-    return output(ofproto.OFPP_CONTROLLER)
+def _outputs(ports: Iterable[int]) -> list[Any]:
+    return [parser.OFPActionOutput(port, ofproto.OFPCML_NO_BUFFER) for port in ports]
+
+
+def _apply(actions: list[Any]) -> Any:
+    return parser.OFPInstructionActions(ofproto.OFPIT_APPLY_ACTIONS, actions)
+
+
+def to_controller(*ports: int) -> Any:
+    return output(ofproto.OFPP_CONTROLLER, *ports)
 
 
 def to_learning() -> Any:
@@ -77,15 +86,18 @@ def delete(datapath: Datapath, table: int, strict: bool = False, **more: Any) ->
     )
 
 
-def metadata_entries(datapath: Datapath) -> list[Any]:
+def metadata_entries(datapath: Datapath, trunks: Collection[int] = ()) -> list[Any]:
     """Return what makes a table of a classical switch pick quantum metadata out.
+
+    Segments that are pushed, as set-up messages are, are copied to the quantum switches by
+    way of the trunks, ports that lead to switches.
 
     Bypasses, which carry the cookie of their session, stay: see ask_entries.
     Whatever can carry a set-up message goes to the controller, whichever flags it has: a switch
     cannot see whether a segment has data. The first SYN stays in the switch; what else might be
     in it no listener takes. Packets that a switch cannot read go no further.
     """
-    to_port = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_TCP, "tcp_dst": METADATA_PORT}
+    to_port = TO_METADATA_PORT
     from_port = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_TCP, "tcp_src": METADATA_PORT}
     opened = SYN | ACK
     copied = [(to_port, FIN), (to_port, RST), (from_port, RST), (from_port, opened)]
@@ -106,7 +118,23 @@ def metadata_entries(datapath: Datapath) -> list[Any]:
         add(datapath, METADATA_TABLE, METADATA_PRIORITY, to_agents, to_controller()),
         *copies,
         *(add(datapath, METADATA_TABLE, HIDDEN_PRIORITY, hidden) for hidden in unseen()),
+        *_copies_for_switches(datapath, trunks),
     ]
+
+
+def _copies_for_switches(datapath: Datapath, trunks: Collection[int]) -> list[Any]:
+    """Return what sends copies to all quantum switches; hosts send none."""
+    to_group = {"eth_dst": QUANTUM_SWITCHES}
+    entries = [add(datapath, METADATA_TABLE, HIDDEN_PRIORITY, to_group)]
+    if trunks:
+        pushed = {**TO_METADATA_PORT, "tcp_flags": (PSH, PSH)}
+        readdressed = parser.OFPActionSetField(**to_group)
+        copied = _apply([*_outputs([ofproto.OFPP_CONTROLLER]), readdressed, *_outputs(trunks)])
+        entries.append(add(datapath, METADATA_TABLE, PUSHED_PRIORITY, pushed, copied))
+    for port in trunks:
+        match, onward = {"in_port": port, **to_group}, output(*_others(trunks, port))
+        entries.append(add(datapath, METADATA_TABLE, TRUNK_PRIORITY, match, onward))
+    return entries
 
 
 def unseen() -> list[dict[str, Any]]:
@@ -134,6 +162,27 @@ def classical_entries(datapath: Datapath) -> list[Any]:
     return [
         add(datapath, 0, LEARNING_PRIORITY, {"in_port": port}, to_learning()) for port in classical
     ]
+
+
+def copy_entries(datapath: Datapath, trunks: Collection[int]) -> list[Any]:
+    """Return what counts copies of set-up messages at a quantum switch, and hands them up.
+
+    They go on by all its other trunks.
+    """
+    return [
+        add(
+            datapath,
+            LIGHT_TABLE,
+            METADATA_PRIORITY,
+            {"in_port": port, "eth_dst": QUANTUM_SWITCHES, **TO_METADATA_PORT},
+            to_controller(*_others(trunks, port)),
+        )
+        for port in trunks
+    ]
+
+
+def _others(ports: Collection[int], port: int) -> list[int]:
+    return [other for other in ports if other != port]
 
 
 def ask_entries(datapath: Datapath, table: int) -> Any:

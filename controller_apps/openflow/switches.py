@@ -7,7 +7,8 @@ to read it, while light is waited for.
 """
 
 import struct
-from collections.abc import Collection, Iterator
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Iterator
 from itertools import count
 from typing import Any
 
@@ -113,9 +114,21 @@ Request = tuple[int, int]  # datapath id and xid
 class Switches:
     """Sends the arbiter's actions, and keeps the requests that switches have yet to answer."""
 
-    def __init__(self, quantum: frozenset[int], mac_table: MacTable, bypass_timeout_s: int) -> None:
-        """`quantum` are datapath ids; all other switches are classical."""
+    def __init__(
+        self,
+        quantum: frozenset[int],
+        mac_table: MacTable,
+        bypass_timeout_s: int,
+        trunks: Iterable[tuple[int, int]] = (),
+    ) -> None:
+        """`quantum` are datapath ids; all other switches are classical.
+
+        Copies of set-up messages go by trunks (datapath id and port) to quantum switches.
+        """
         self.quantum = quantum
+        self._trunks: defaultdict[int, list[int]] = defaultdict(list)
+        for dpid, port in trunks:
+            self._trunks[dpid].append(port)
         self.datapaths: dict[int, Datapath] = {}
         self._mac_table, self._bypass_timeout_s = mac_table, bypass_timeout_s
         self._stations: Collection[Station] = ()  # whose addresses are checked
@@ -130,12 +143,14 @@ class Switches:
         self.datapaths[datapath.id] = datapath
         if datapath.id in self.quantum:
             datapath.send_msg(flow_entries.discovery_entry(datapath))
-            for message in flow_entries.classical_entries(datapath):
+            trunks = self._trunks[datapath.id]
+            copied = flow_entries.copy_entries(datapath, trunks)
+            for message in [*copied, *flow_entries.classical_entries(datapath)]:
                 datapath.send_msg(message)
             self._ask_entries(datapath, flow_entries.LIGHT_TABLE)
             return
         self._filter(datapath)
-        for message in flow_entries.metadata_entries(datapath):
+        for message in flow_entries.metadata_entries(datapath, self._trunks[datapath.id]):
             datapath.send_msg(message)
         self._ask_entries(datapath, flow_entries.METADATA_TABLE)
         barrier = flow_entries.barrier(datapath)

@@ -53,6 +53,7 @@ from controller_apps.policy.policy import Policy
 from controller_apps.policy.schedules import IN_TURN, Queue
 from controller_apps.sessions.actions import Action, Drop, Forward, Note
 from controller_apps.sessions.connections import Connections, Handshakes
+from controller_apps.sessions.copies import Copies
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.light_queue import LightQueue
 from controller_apps.sessions.link_monitors import Preempted
@@ -78,6 +79,7 @@ class Arbiter:
     idle_timeout_s: float
     loss_budget_db: float = ControllerSettings().loss_budget_db  # of one light path
     queues: bool = False  # a request for light that is taken waits for it
+    needs_copies: bool = False  # light waits until its switches have seen the set-up themselves
     order: Queue = IN_TURN  # of the policy until `follow`
     keys: Mapping[str, str] = field(default_factory=dict)  # device keys, by address of the host
     discovery_s: float = DISCOVERY_S  # until a restarted controller knows the network
@@ -89,9 +91,9 @@ class Arbiter:
         terms = self.terms = Terms(
             network, self.hold_timeout_s, self.idle_timeout_s, budget_mdb, self.queues
         )
-        light = self.light = Light(network, sessions, budget_mdb)
+        light = self.light = Light(network, sessions, budget_mdb, self.needs_copies)
         verdicts = self.verdicts = Verdicts(sessions, light, terms, self.keys)
-        self.handshakes = Handshakes()
+        self.handshakes, self.copies = Handshakes(), Copies(sessions, light)
         self.recovery = Recovery(sessions, light, self.discovery_s)
         self.enquiries = Enquiries(sessions)
         self.ordering = Ordering(sessions, light, verdicts)
@@ -104,6 +106,7 @@ class Arbiter:
             light=light,
             verdicts=verdicts,
             handshakes=self.handshakes,
+            copies=self.copies,
             recovery=self.recovery,
             ordering=self.ordering,
             queue=self.queue,
@@ -128,6 +131,13 @@ class Arbiter:
             return self._then_serve(self._segment(arrival, now), now)
         except MalformedPacket as error:
             return [Drop("malformed", str(error), SwitchPort(dpid, in_port))]
+
+    def copy_arrived(self, at: SwitchPort, frame: bytes, now: float) -> list[Action]:
+        """Note a set-up message that a quantum switch has got itself."""
+        try:
+            return self.copies.arrived(at, frame, now)
+        except MalformedPacket as error:
+            return [Drop("malformed", str(error), at)]
 
     def _segment(self, arrival: Arrival, now: float) -> list[Action]:
         segment = arrival.segment

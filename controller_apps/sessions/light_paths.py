@@ -38,6 +38,7 @@ class Light:
     network: Network
     sessions: Sessions
     budget_mdb: int
+    needs_copies: bool = False  # of its set-up at all switches, before a request's paths are opened
     moves: dict[int, Move] = field(default_factory=dict)  # by transaction
     _transactions: Iterator[int] = field(default_factory=lambda: count(1))
 
@@ -53,7 +54,11 @@ class Light:
         request.waiting = set(switches(hops))
         borrowed = borrowed_rotation(request.setup, request.five_tuple, self.sessions, self.network)
         request.rotation = rotation_of(paths) ^ borrowed
-        return [*stale, *self._program(session, (), hops, request.transaction)]
+        request.unseen = request.waiting - request.seen.keys() if self.needs_copies else set()
+        return stale if request.unseen else [*stale, *self.program(request, session)]
+
+    def program(self, request: Request, session: Session) -> list[Action]:
+        return self._program(session, (), session.hops, request.transaction)
 
     def hold(self, request: Request) -> None:
         request.transaction = next(self._transactions)

@@ -31,8 +31,12 @@ class Expiry:
             if request.unanswered:
                 actions += self.ordering.give_up(request, now)
             elif now - request.started >= self.terms.hold_timeout_s:
-                actions += self.verdicts.refuse(request, Refusal(Reason.SWITCH_TIMEOUT), now)
+                actions += self.verdicts.refuse(request, self._why_held(request), now)
         return actions
+
+    def _why_held(self, request: Request) -> Refusal:
+        names = ", ".join(map(self.light.network.name_of, sorted(request.unseen)))
+        return Refusal(Reason.SETUP_UNSEEN if names else Reason.SWITCH_TIMEOUT, names, "", names)
 
     def tear_down(self, now: float) -> list[Action]:
         actions: list[Action] = []

@@ -76,6 +76,8 @@ class Request:
     rotation: int = 0
     transaction: int = 0
     waiting: set[int] = field(default_factory=set)  # switches that owe a barrier reply
+    seen: dict[int, float] = field(default_factory=dict)  # switches with a copy of it, since when
+    unseen: set[int] = field(default_factory=set)  # switches whose copy its light waits for
     unanswered: set[str] = field(default_factory=set)  # nodes that owe an answer to their order
     bypassed: set[int] = field(default_factory=set)  # switches that let the connection pass
     block_pairs: int = 0  # granted, if it is less than was asked for

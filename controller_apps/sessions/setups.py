@@ -12,6 +12,7 @@ from controller_apps.policy.schedules import Purification
 from controller_apps.sessions.actions import Action, Drop, Forward, Note, SwapsOrdered
 from controller_apps.sessions.admission import Admission, admit
 from controller_apps.sessions.connections import Handshakes
+from controller_apps.sessions.copies import Copies
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.light_queue import LightQueue
 from controller_apps.sessions.recovery import Recovery
@@ -93,6 +94,7 @@ class Setups:
     light: Light
     verdicts: Verdicts
     handshakes: Handshakes
+    copies: Copies
     recovery: Recovery
     ordering: Ordering
     queue: LightQueue
@@ -139,6 +141,7 @@ class Setups:
             return [Drop("forged", detail, arrival.port)]
         acceptor_next = arrival.segment.acknowledged if self._needs_handshake(now) else None
         request = new_request(setup, arrival, now, acceptor_next)
+        self.copies.asked(request)
         if self.sessions.full(request.five_tuple.source):
             return self.verdicts.answer(request, Verdict.REFUSED, Refusal(Reason.BUSY))
         admission = self._admission(request)

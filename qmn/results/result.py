@@ -23,6 +23,7 @@ from wire.results.run_result import (
     ServiceJob,
     Sessions,
     SetUpTimes,
+    SwitchCopies,
     WatchedLight,
 )
 
@@ -56,7 +57,7 @@ def note_controller(facts: RunResult, lines: list[dict[str, Any]]) -> None:
     """Add sessions, path set-up times (ms), packet-ins and seals from the controller's record."""
     times = [line["setup_ms"] for line in lines if line["event"] == "path_ready"]
     counts = [line["packet_in_count"] for line in lines if "packet_in_count" in line]
-    facts.sessions = sessions(lines)
+    facts.sessions, facts.copies = sessions(lines), copies(lines)
     facts.path_setup_ms, facts.packet_in_count = percentiles(times), max(counts, default=0)
     if any(line["event"] in ("watched", "alarm") for line in lines):
         facts.watched = _watched(lines)
@@ -69,6 +70,19 @@ def sessions(lines: list[dict[str, Any]]) -> Sessions:
         for event in ("granted", "refused")
     )
     return Sessions(len(granted), len(refused), granted[:MOST_IDS])
+
+
+def copies(lines: list[dict[str, Any]]) -> SwitchCopies | None:
+    """Return which switches had the set-ups of sessions when these got light; None: none has."""
+    granted = [line["copies_ms"] for line in lines if line["event"] == "granted"
+               if "copies_ms" in line]  # fmt: skip
+    if not granted:
+        return None
+    each_ms = [after_ms for switches in granted for after_ms in switches.values()]
+    in_time = [after_ms for after_ms in each_ms if after_ms is not None]
+    late = [line["setup_ms"] for line in lines if line["event"] == "copy_late"]
+    missing = max(len(each_ms) - len(in_time) - len(late), 0)
+    return SwitchCopies(len(in_time), len(late), missing, percentiles([*in_time, *late]).p50)
 
 
 def _watched(lines: list[dict[str, Any]]) -> WatchedLight:
@@ -171,6 +185,7 @@ def rows_of_every_run(facts: RunResult, folder: Path, report: str) -> dict[str, 
     setup = facts.path_setup_ms
     return {
         "path set-up time": "no path was set up" if setup.p50 is None else str(setup),
+        **({} if facts.copies is None else {"set-ups at switches": str(facts.copies)}),
         **watched_light(facts.watched),
         **lost_waiting(facts),
         **software_share.rows(facts),

@@ -32,6 +32,7 @@ from wire.results.run_result import (
     Sessions,
     SetUpTimes,
     ShortestTime,
+    SwitchCopies,
     WatchedLight,
 )
 
@@ -117,6 +118,7 @@ class RunResult(NetworkResult):
     elapsed_s: float | None = None  # of the job, as the host that asks says it; None: it does not
     emulation: dict[str, float] = field(default_factory=dict)  # elapsed_s and rates by the wall
     path_setup_ms: SetUpTimes = field(default_factory=SetUpTimes)
+    copies: SwitchCopies | None = None  # None: quantum switches get none
     packet_in_count: int = 0
     every_fiber: FiberOptics | None = None  # None: fibres are as the topology says
     unused_settings: list[str] = field(

@@ -6,6 +6,7 @@ from typing import Any
 
 from mininet.node import Host, Node
 
+from topologies.links.fiber import FiberLink
 from topologies.links.keywords import refuse_unknown
 from topologies.links.management import lay_management
 from topologies.nodes.addresses import free_address
@@ -109,6 +110,7 @@ class QuantumController(QuantumNode, ManagedController):
             device_keys=network.device_keys,
             addresses={host: network.addresses[host] for host in network.device_keys},
             stations=[station for host in network.hosts for station in stations_of(host)],
+            trunks=[port for bridge in network.bridges.values() for port in trunks_of(bridge)],
             console=network.socket(CONSOLE),
             rest_token=network.rest_token() if network.settings.rest else "",
             state=str(network.folder / STATE),
@@ -148,6 +150,18 @@ class QuantumController(QuantumNode, ManagedController):
 def is_copper_switch(node: Node) -> bool:
     """Return whether a node is a switch of copper, whatever its name; a quantum switch is not."""
     return isinstance(node, ClassicalSwitch) and not isinstance(node, OpticalSwitch)
+
+
+def trunks_of(switch: ClassicalSwitch) -> list[tuple[int, int]]:
+    """Return the ports of a switch with copper to another one that has the same controller."""
+    bridges = switch.network.bridges.values()
+    return [
+        (int(switch.dpid, 16), switch.ports[interface])
+        for interface in switch.intfList()
+        if interface.link is not None
+        and not isinstance(interface.link, FiberLink)
+        and {interface.link.intf1.node, interface.link.intf2.node} <= {*bridges}
+    ]
 
 
 def stations_of(host: Host) -> list[Station]:

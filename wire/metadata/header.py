@@ -18,6 +18,7 @@ from typing import ClassVar, TypeVar
 from wire.malformed import MalformedPacket
 
 METADATA_PORT = 9010
+QUANTUM_SWITCHES = "03:51:4d:00:00:01"  # of copies for them: of a group, locally administered
 MAGIC = 0x514D  # "QM"
 VERSION = 5
 MAX_LENGTH = 1 << 17

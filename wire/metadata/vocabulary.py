@@ -114,3 +114,4 @@ class Reason(IntEnum):
     NO_ANSWER = 29  # the other end was silent for too long
     PEER_GONE = 30  # it has closed the connection, or lost it
     CANNOT_ABSORB = 31  # written by the controller, with the address of the node as source
+    SETUP_UNSEEN = 32  # a quantum switch has got no copy of the set-up message itself

@@ -15,6 +15,7 @@ BACKENDS = ("chp", "stim", "dense")
 OPENFLOW_PORT = 6653
 MOST_KM = 100_000.0  # of copper
 LEAST_MBPS, MOST_MBPS = 0.001, 10_000.0
+REQUIRED, OBSERVED, OFF = "required", "observed", "off"  # metadata_at_switch
 FOR_EACH = "for each message, as 5ms or exponential(1ms)"
 
 
@@ -68,6 +69,12 @@ class ControllerSettings:
     )
     contention: str = option(
         "refuse", "what a request meets whose light is taken (refuse)", choices=("refuse", "queue")
+    )
+    metadata_at_switch: str = option(
+        OBSERVED,
+        "what copies of set-up messages at quantum switches are for: light waits for them "
+        "(required), they are counted (observed), there are none (off)",
+        choices=(REQUIRED, OBSERVED, OFF),
     )
     # Path of its file; empty: the shipped one.
     policy: str = option(

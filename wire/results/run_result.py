@@ -79,6 +79,21 @@ class Sessions:
 
 
 @dataclass(frozen=True)
+class SwitchCopies:
+    """Set-up messages that quantum switches should have got: one for each of a session's light."""
+
+    in_time: int  # before light was granted
+    late: int
+    missing: int
+    p50_ms: float | None = None  # from the controller's own until it had that of the switch
+
+    def __str__(self) -> str:
+        count = self.in_time + self.late + self.missing
+        after = "" if self.p50_ms is None else f", median {self.p50_ms:.2f} ms after c0"
+        return f"{self.in_time} of {count} in time{after}; late {self.late}, missing {self.missing}"
+
+
+@dataclass(frozen=True)
 class WatchedLight:
     """Seals that are over, on light that nobody used or that programs had watched."""
 

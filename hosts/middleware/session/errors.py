@@ -29,6 +29,8 @@ REMEDIES = {
     Reason.SWITCH_FAILED: "the quantum switch has not set up the light path: it sent an error, or "
     "lost its connection to the controller; see the logs of its agent and of the controller",
     Reason.SWITCH_TIMEOUT: "the quantum switch was not ready in time; is its agent running?",
+    Reason.SETUP_UNSEEN: "a quantum switch has got no copy of the set-up message itself, and the "
+    "network demands it (`--metadata-at-switch required`); is its copper whole?",
     Reason.NODE_SILENT: "a node of the chain has not answered the controller's order; is its "
     "stack running?",
     Reason.NO_CHAIN: "no chain of 1 to 64 repeaters joins these hosts; a repeater is a host with "

@@ -11,6 +11,7 @@ from recorded_run import asked, message_run, sent, service_run, teleported
 from qmn.results import schema
 from qmn.results.result import (
     complete,
+    copies,
     note_controller,
     percentiles,
     sessions,
@@ -19,7 +20,7 @@ from qmn.results.result import (
 from qmn.results.service_result import coding
 from wire.controller_lines import RECORD, read_record
 from wire.results.figures import LoadFigures
-from wire.results.run_result import Sessions, SetUpTimes, WatchedLight
+from wire.results.run_result import Sessions, SetUpTimes, SwitchCopies, WatchedLight
 
 
 def test_percentiles_of_nothing_of_one_and_of_many() -> None:
@@ -58,6 +59,19 @@ def test_seals_are_counted_if_there_were_any() -> None:
     )
     (row,) = watched_light(facts.watched).values()
     assert row == "2 over 2,500 pairs, 3 of them wrong, alarms: 3, closed: q2-q3 q3-q4"
+
+
+def test_copies_at_switches_are_in_time_late_or_missing() -> None:
+    assert copies([{"event": "granted"}]) is None
+    granted = [
+        {"event": "granted", "copies_ms": {"q1": 1.0, "q2": None}},
+        {"event": "granted", "copies_ms": {"q1": -3.0, "q3": None}},
+    ]
+    late = {"event": "copy_late", "switch": "q3", "setup_ms": 80.0}
+    seen = copies([*granted, late])
+    assert seen == SwitchCopies(in_time=2, late=1, missing=1, p50_ms=1.0)
+    assert str(seen) == "2 of 4 in time, median 1.00 ms after c0; late 1, missing 1"
+    assert copies([{"event": "granted", "copies_ms": {"q1": None}}]) == SwitchCopies(0, 0, 1, None)
 
 
 def test_rates_and_counts_come_from_sender_and_controller(tmp_path: Path) -> None:

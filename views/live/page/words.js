@@ -40,6 +40,11 @@ function light(paths) {
   return "light of least loss: " + paths.map(({ begin, end, by, loss_db }) => `${begin} → ${end} by ${by.join(", ")} (${digits(loss_db)} dB)`).join(" and ");
 }
 
+// Which quantum switches have seen the set-up themselves by then.
+function copies(after) {
+  return Object.entries(after ?? {}).map(([name, ms]) => (ms === null ? `not seen by ${name}` : `seen by ${name} ${digits(ms)} ms after c0`)).join(", ");
+}
+
 // A reason with its explanation: its name comes first, and perhaps what is in the way.
 function why(detail) {
   const name = /^[A-Z_]+/.exec(detail ?? "")?.[0];
@@ -54,7 +59,8 @@ const TOLD = {
   path_ready: (m) => `light path of ${about(m)} stands after ${digits(m.setup_ms)} ms`,
   chain_ready: (m) => `chain of ${about(m)} is ready after ${digits(m.setup_ms)} ms`,
   moved: (m) => `light of ${about(m)} has moved within ${digits(m.setup_ms)} ms${m.light ? `: ${light(m.light)}` : ""}`,
-  granted: (m) => `granted: ${[about(m), who(m), m.light?.length ? light(m.light) : ""].filter(Boolean).join("; ")}`,
+  granted: (m) => `granted: ${[about(m), who(m), m.light?.length ? light(m.light) : "", copies(m.copies_ms)].filter(Boolean).join("; ")}`,
+  copy_late: (m) => `${m.switch} has seen the set-up of ${about(m)} late, ${digits(m.setup_ms)} ms after c0`,
   refused: (m) => `refused: ${[about(m), who(m), why(m.detail)].filter(Boolean).join("; ")}`,
   forbidden: (m) => `forbidden by the policy: ${[about(m), who(m), m.detail].filter(Boolean).join("; ")}`,
   light_after: (m) => `has light now: ${about(m)}, which waited for session ${m.after.session.slice(-6)} to give it back`,

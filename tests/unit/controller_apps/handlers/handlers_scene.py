@@ -146,6 +146,7 @@ class Scene:
         state: str = "",
         policy: str = UNFILTERED,
         keys: dict[str, str] | None = None,
+        **settings: Any,
     ) -> None:
         self.record_path, self.policy_path = folder / "record.jsonl", folder / "policy.toml"
         self.policy_path.write_text(policy)
@@ -160,6 +161,7 @@ class Scene:
             stations=STATIONS,
             device_keys=keys or {},
             addresses={name: {"bob": BOB, "charlie": CHARLIE}[name] for name in keys or {}},
+            **settings,
         )
         mac_table, record = MacTable(), Record(str(self.record_path))
         self.learning = LearningSwitch(config, mac_table, record=record)

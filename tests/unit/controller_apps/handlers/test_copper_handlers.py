@@ -6,11 +6,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import handlers_scene
+import pytest
 from handlers_scene import (
     BROADCAST,
     ONE,
     TWO,
     UNFILTERED,
+    Datapath,
     Scene,
     ethernet,
     fiber_port,
@@ -24,6 +26,7 @@ from metadata_scene import (
     CHARLIE,
     FRAMED,
     MACS,
+    Q1,
     S1,
     frame,
 )
@@ -33,7 +36,7 @@ from controller_apps.console.questions import EventQuestion
 from controller_apps.openflow.framework import ofproto
 from wire.config import Station
 from wire.device import DEVICE_PORT
-from wire.metadata.header import METADATA_PORT
+from wire.metadata.header import METADATA_PORT, QUANTUM_SWITCHES
 
 scene, ready = handlers_scene.scene, handlers_scene.ready  # fixtures
 
@@ -59,6 +62,7 @@ def test_a_classical_switch_gets_its_two_tables(scene: Scene) -> None:
         (1, 500, {"eth_type": 0x8100}, []),
         (1, 500, {"eth_type": 0x88A8}, []),
         (1, 500, {**ends, "tcp_src": 0, "tcp_dst": 0}, []),
+        (1, 500, {"eth_dst": QUANTUM_SWITCHES}, []),
     ]
     assert wiped == [2, 0, 1]
     assert [
@@ -69,6 +73,44 @@ def test_a_classical_switch_gets_its_two_tables(scene: Scene) -> None:
         for instruction in entry.instructions:
             if instruction.type == ofproto.OFPIT_APPLY_ACTIONS:
                 assert instruction.actions[0].max_len == ofproto.OFPCML_NO_BUFFER
+
+
+def added_to(datapath: Datapath, priorities: set[int]) -> list[tuple[dict[str, Any], list[Any]]]:
+    """Return match and actions of the entries of these priorities."""
+    mods = [mod for mod in flow_mods(datapath.take()) if mod.priority in priorities]
+    applied = [(dict(mod.match.items()), mod.instructions[0].actions) for mod in mods]
+    return [
+        (match, [getattr(action, "port", None) or action.value for action in actions])
+        for match, actions in applied
+    ]
+
+
+def test_what_is_pushed_is_copied_along_the_trunks_to_quantum_switches(tmp_path: Path) -> None:
+    trunks = [(S1, 5), (S1, 6), (Q1, 1)]
+    scene, up = Scene(tmp_path, trunks=trunks), ofproto.OFPP_CONTROLLER
+    to_port = {"eth_type": 0x0800, "ip_proto": 6, "tcp_dst": METADATA_PORT}
+    to_group = {"eth_dst": QUANTUM_SWITCHES}
+    assert added_to(scene.s1, {210, 510}) == [
+        ({**to_port, "tcp_flags": (8, 8)}, [up, QUANTUM_SWITCHES, 5, 6]),
+        ({"in_port": 5, **to_group}, [6]),
+        ({"in_port": 6, **to_group}, [5]),
+    ]
+    assert added_to(scene.q1, {200}) == [({"in_port": 1, **to_port, **to_group}, [up])]
+    off = Scene(tmp_path, trunks=trunks, metadata_at_switch="off")
+    assert added_to(off.s1, {210, 510}) == added_to(off.q1, {200}) == []
+
+
+@pytest.mark.parametrize("copied", [True, False])
+def test_a_grant_says_which_switches_have_seen_the_setup(tmp_path: Path, copied: bool) -> None:
+    scene, asked = Scene(tmp_path, trunks=[(S1, 5), (Q1, 1)]), frame(FRAMED.encode())
+    scene.announce()
+    if copied:
+        scene.packet_in(scene.q1, 1, asked, table=0)
+    scene.packet_in(scene.s1, 1, asked)
+    scene.barrier(scene.q1.take()[-1].xid)
+    (granted,) = [line for line in scene.recorded() if line["event"] == "granted"]
+    assert granted["copies_ms"].keys() == {"q1"}
+    assert granted["copies_ms"]["q1"] <= 0 if copied else granted["copies_ms"]["q1"] is None
 
 
 def test_each_switch_is_asked_for_the_table_that_sessions_have_entries_in(scene: Scene) -> None:
