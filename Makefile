@@ -4,7 +4,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup packages strongswan notebooks install uninstall run-sdc test test-docker lint types unit \
+.PHONY: help setup installed packages strongswan notebooks install uninstall run-sdc test test-docker lint types unit \
     emulation test-swarm commands nightly mutants chaos fuzz bench live-speed curves labs picture lab-pictures site image clean \
     lock browser q0-programs house
 
@@ -66,7 +66,12 @@ help: ## Print this help
 	    '' 'Everything else is said to `qmn` itself: bin/qmn --help'
 
 # Programs of root leave no byte code here: without this they would compile at each start.
-setup: packages $(GENERATED) ## Install what is missing; a second time does nothing
+setup: ## Install what is missing; a second time does nothing
+	@flock --nonblock setup true || echo 'setup: waiting for another make in this folder'
+	@flock --timeout 3600 setup $(MAKE) --no-print-directory installed
+
+# By one make at a time in one tree: each would delete the other's .venv.
+installed: packages $(GENERATED)
 	@$(PYTHON) -m compileall -q $(PRODUCT)
 
 install: setup ## Put `qmn` on the PATH, with completion and a manual page
@@ -165,12 +170,12 @@ clean: ## Remove what was built here (not runs/)
 
 notebooks: .venv/notebooks ## Install what notebooks, data frames and Parquet need
 
-.venv/notebooks: .venv/complete notebooks.lock
+.venv/notebooks: notebooks.lock | setup
 	@echo 'setup: what notebooks and data frames need'
 	@setup/python-packages notebooks.lock
 	@touch $@
 
-.venv/site: .venv/complete site.lock
+.venv/site: site.lock | setup
 	@echo 'setup: what the site is built by'
 	@setup/python-packages site.lock
 	@touch $@
