@@ -30,7 +30,6 @@ IPERF_TIMEOUT_S = 10.0  # until iperf3 listens, and ends beyond the time that wa
 # Open vSwitch
 OPENVSWITCH_TIMEOUT_S = 30.0  # until it runs, or has gone
 STOPPED_DAEMON_S = 1.0  # that a command waits for a daemon that a signal has stopped
-DATABASE_ANSWER_S = 2.0  # until its database has answered
 OPENVSWITCH_COMMAND_TIMEOUT_S = 15.0  # until another command of Open vSwitch has ended
 VSCTL_TIMEOUT_S = 10.0  # until ovs-vsctl has ended
 INTERFACE_S = 0.1  # more, of each interface that it may add or take away: in quiet it takes 0.02 s

@@ -1,17 +1,14 @@
-"""Bridges as ovs-vsctl itself makes them, without looking anything up, and as they are read."""
+"""Bridges as ovs-vsctl itself makes them, without looking anything up."""
 
 import re
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from limits import SOON_S
 
 from topologies.system.open_vswitch.bridge_words import bridge_words
-from topologies.system.open_vswitch.database import select
-from topologies.system.processes.programs import NetworkError
 
 SCHEMA = "/usr/share/openvswitch/vswitch.ovsschema"
 COLUMNS = {
@@ -89,17 +86,3 @@ def test_ports_cost_the_same_words_each_and_nothing_is_looked_up() -> None:
     assert not LOOKED_UP & set(words)
     assert words.count("create") == 2 * (len(ports) + 1) + 1  # rows of ports, and the bridge
     assert words.count("del-br") == words.count("add") == 1
-
-
-def test_its_rows_are_read_at_the_socket_as_rfc_7047_writes_them(database: str) -> None:
-    path = Path(database.removeprefix("unix:"))
-    vsctl(database, "add-br", "q1", "--", "set", "bridge", "q1", "external_ids:qmn=1-2-abc")
-
-    def rows(table: str, at: Path = path) -> list[dict[str, Any]]:
-        return select(at, table, ["name", "external_ids"], SOON_S, lambda: None)
-
-    assert rows("Bridge") == [{"name": "q1", "external_ids": ["map", [["qmn", "1-2-abc"]]]}]
-    with pytest.raises(NetworkError, match=r"Switch cannot be read: .*No table named Switch"):
-        rows("Switch")
-    with pytest.raises(NetworkError, match=r"database connection failed \(No such file"):
-        rows("Bridge", path.with_name("none"))

@@ -6,15 +6,12 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 from topologies.system import namespaces
 from topologies.system.kernel import interfaces, packet_sockets
-from topologies.system.open_vswitch import database
 from topologies.system.processes.commands import run
 from topologies.system.processes.programs import NetworkError, Program
 from topologies.timeouts import (
-    DATABASE_ANSWER_S,
     INTERFACE_S,
     OPENVSWITCH_TIMEOUT_S,
     POLL_S,
@@ -69,8 +66,8 @@ def start(program: Callable[[str], Program]) -> None:
         folder.resolve().mkdir(parents=True, exist_ok=True)
     run("ovsdb-tool", "create", str(DATABASE_FILE), str(SCHEMA), timeout_s=OPENVSWITCH_TIMEOUT_S)
     remote = [f"--remote=punix:{SOCKET}", *CERTIFICATES, "--pidfile"]
-    _begin(program, DATABASE, [DATABASE, str(DATABASE_FILE), *remote, *LOGGING], running)
-    vsctl(NO_WAIT, "init")
+    _begin(program, DATABASE, [DATABASE, str(DATABASE_FILE), *remote, *LOGGING], SOCKET.exists)
+    vsctl("--retry", NO_WAIT, "init")
     command = [*FAST_MEMORY, SWITCH_DAEMON, f"unix:{SOCKET}", "--pidfile", *LOGGING]
     _begin(program, SWITCH_DAEMON, command, (RUN_FOLDER / f"{SWITCH_DAEMON}.pid").exists)
 
@@ -144,12 +141,6 @@ def vsctl(*arguments: str) -> str:
         )
 
 
-def _selected(table: str, *columns: str) -> list[dict[str, Any]]:
-    """Return rows of the database; raise NetworkError as vsctl does."""
-    with _naming_a_daemon([DATABASE]) as check:
-        return database.select(SOCKET, table, [*columns], VSCTL_TIMEOUT_S, check)
-
-
 @contextmanager
 def _naming_a_daemon(needed: Sequence[str]) -> Iterator[Callable[[], None]]:
     """Give a check to make while one waits for daemons; raise NetworkError for the one at fault."""
@@ -212,14 +203,14 @@ def installed() -> bool:
 
 def running() -> bool:
     try:
-        database.ask(SOCKET, "echo", [], DATABASE_ANSWER_S)
+        bridges()
     except NetworkError:
         return False
     return True
 
 
 def bridges() -> list[str]:
-    return [row["name"] for row in _selected("Bridge", "name")]
+    return vsctl(NO_WAIT, "list-br").split()
 
 
 def add(bridge: str, controller: str) -> None:
