@@ -11,7 +11,6 @@ anywhere: `processor.nodes` has the addresses. Gates are gathered until an outco
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from applications.processing_unit.messages import (
@@ -191,10 +190,5 @@ class Processor:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.close()

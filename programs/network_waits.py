@@ -2,7 +2,6 @@
 
 import select
 import time
-from types import TracebackType
 from typing import Self
 
 from wire.network_time import NEVER, GateClient, NetworkTime, SteppedTime
@@ -58,10 +57,5 @@ class NetworkWaits:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        _kind: type[BaseException] | None,
-        _error: BaseException | None,
-        _trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.close()

@@ -1,7 +1,6 @@
 """Attacks by many frames on switch and controller, and by lies about who has an address."""
 
 import re
-import subprocess
 import time
 
 from mininet.node import Host
@@ -19,6 +18,7 @@ from evidence.attacks.conduct import (
 from evidence.attacks.frames import station
 from qmn.timeouts import ATTACK_TIMEOUT_S, ATTACKER_TIMEOUT_S, BELIEF_TIMEOUT_S
 from topologies.networks.network import Network
+from topologies.system.processes.commands import run
 from topologies.system.processes.programs import NetworkError
 from topologies.timeouts import POLL_S
 
@@ -85,11 +85,9 @@ def flood(network: Network, what: str, count: int, *words: str) -> None:
 
 
 def senders(switch: str) -> set[str]:
-    command = ["ovs-ofctl", "-O", "OpenFlow14", "dump-flows", switch]
-    done = subprocess.run(
-        command, capture_output=True, text=True, check=True, timeout=ATTACKER_TIMEOUT_S
-    )
-    return set(re.findall(r"dl_src=([0-9a-f:]+)", done.stdout))
+    command = "ovs-ofctl", "-O", "OpenFlow14", "dump-flows", switch
+    flows = run(*command, timeout_s=ATTACKER_TIMEOUT_S)
+    return set(re.findall(r"dl_src=([0-9a-f:]+)", flows))
 
 
 def decided(network: Network) -> set[str]:

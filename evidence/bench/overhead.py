@@ -10,7 +10,6 @@ that they wait for software, and not for light.
 import os
 import shutil
 import statistics
-import subprocess
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +22,7 @@ from qmn.requests.run_options import RunOptions
 from qmn.requests.superdense import superdense_request
 from qmn.timeouts import RUN_TIMEOUT_S
 from topologies.networks.network import Signals
+from topologies.system.processes import commands
 from topologies.system.processes.programs import (
     ROOT,
     NetworkError,
@@ -106,20 +106,8 @@ def beside_sampler(
 def sampled_pairs_per_s(environment: Mapping[str, str]) -> float:
     """Return how many pairs a second stim's batch sampler makes in a process of its own."""
     command = [python(), "-m", "evidence.bench.batch_sampler"]
-    try:
-        done = subprocess.run(
-            command,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=RUN_TIMEOUT_S,
-            env={**environment, "PYTHONPATH": str(ROOT)},
-        )
-    except subprocess.TimeoutExpired as error:
-        raise NetworkError(f"stim's batch sampler took {RUN_TIMEOUT_S:g} s") from error
-    if done.returncode:
-        raise NetworkError(f"stim's batch sampler failed: {done.stderr.strip()}")
-    return float(done.stdout)
+    own = {**environment, "PYTHONPATH": str(ROOT)}
+    return float(commands.run(*command, timeout_s=RUN_TIMEOUT_S, environment=own))
 
 
 def measure(file: Path, run: RunOptions, signals: Signals) -> Measured:

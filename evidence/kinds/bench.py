@@ -2,7 +2,6 @@
 
 import argparse
 import os
-import subprocess
 import sys
 import tempfile
 import time
@@ -31,6 +30,7 @@ from qmn.parser import Parser
 from qmn.timeouts import MEASURE_TIMEOUT_S, RUN_TIMEOUT_S
 from topologies.networks.network import Interrupted, Network, Signals, require_root
 from topologies.sdc import SdcTopo
+from topologies.system.processes import commands
 from topologies.system.processes.programs import NetworkError, python
 from topologies.system.processes.signals import interrupted_words
 from topologies.system.runs.runtime import Runtime
@@ -134,20 +134,9 @@ def whole_run(folder: Path) -> float:
     """
     file = folder / "kibibyte"
     file.write_bytes(os.urandom(1024))
-    command = ["-m", "qmn", "run", "sdc", "--file", str(file), "--runs", str(folder / "runs")]
+    command = [python(), "-m", "qmn", "run", "sdc", "--file", str(file)]
     started = time.perf_counter()
-    try:
-        done = subprocess.run(
-            [python(), *command],
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=RUN_TIMEOUT_S,
-        )
-    except subprocess.TimeoutExpired as error:
-        raise NetworkError(f"qmn run sdc did not end in {RUN_TIMEOUT_S:g} s") from error
-    if done.returncode:
-        raise NetworkError(f"qmn run sdc failed: {done.stderr.strip()}")
+    commands.run(*command, "--runs", str(folder / "runs"), timeout_s=RUN_TIMEOUT_S)
     return time.perf_counter() - started
 
 

@@ -5,15 +5,14 @@ when the controller has heard of it, so that the next session finds it so.
 """
 
 import argparse
-import subprocess
 from functools import partial
 from pathlib import Path
 
 from qmn.changes.change import reported
 from qmn.running.controller_console import ask
 from qmn.running.network import announced_network
-from qmn.timeouts import ORDER_TIMEOUT_S
 from topologies.networks.heard_orders import ends_between, until_heard
+from topologies.system.processes.commands import ip
 from topologies.system.processes.programs import NetworkError
 from wire import typed_json
 from wire.parameters.checks import remedy
@@ -41,19 +40,8 @@ def set_links(a: str, b: str, state: str) -> str:
     names = switch_ends(facts, a, b)
     ends = ends_between(a, b, facts.fibers, network.datapath_ids)
     with until_heard(partial(ask, "paths"), ends, state == "up", network.heard_in_s):
-        for name in names:
-            _run(["ip", "link", "set", name, state])
+        ip(f"link set {name} {state}" for name in names)
     return f"{a} to {b}: {', '.join(names)} {state}"
-
-
-def _run(command: list[str]) -> None:
-    try:
-        subprocess.run(command, check=True, capture_output=True, timeout=ORDER_TIMEOUT_S)
-    except subprocess.TimeoutExpired as error:
-        words = f"`{' '.join(command)}` did not end in {ORDER_TIMEOUT_S:g} s"
-        raise NetworkError(words) from error
-    except subprocess.CalledProcessError as error:
-        raise NetworkError(error.stderr.decode().strip()) from error
 
 
 def switch_ends(facts: NetworkFacts, a: str, b: str) -> list[str]:

@@ -5,7 +5,6 @@ file of the run has them all, in the same order: what is behind the last one rea
 """
 
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from wire.dispatcher_pb2 import Event, WatchRequest
@@ -64,12 +63,7 @@ class Unread:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self._file.close()
 
 

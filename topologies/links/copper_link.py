@@ -8,7 +8,6 @@ also without `netem`.
 import fcntl
 import os
 import struct
-import subprocess
 from typing import Any
 
 from mininet.link import Intf, Link
@@ -17,9 +16,9 @@ from mininet.node import Controller, Node, Switch
 from topologies.links.keywords import refuse_unknown
 from topologies.system.kernel.interfaces import TUN, quick, switch_ipv6_off
 from topologies.system.machines.laying import lay
+from topologies.system.processes.commands import ip
 from topologies.system.processes.programs import NetworkError
 from topologies.system.runs import runtime
-from topologies.timeouts import COMMAND_TIMEOUT_S
 from wire.config import Cable
 from wire.network_time import NetworkTime, SteppedTime
 from wire.parameters.checks import check_number
@@ -152,9 +151,8 @@ def tap(name: str, node: Any) -> int:
             f"cannot make {name}, an end of copper, with {TUN}: {error.strerror}; load the kernel "
             "module tun, or make the copper short"
         ) from error
-    _ip("link", "set", name, "txqueuelen", str(QUEUED_FRAMES))
-    if not isinstance(node, Switch):
-        _ip("link", "set", name, "netns", str(node.pid))
+    place = "" if isinstance(node, Switch) else f" netns {node.pid}"
+    ip([f"link set {name} txqueuelen {QUEUED_FRAMES}{place}"])
     return file
 
 
@@ -163,16 +161,3 @@ def _be_patient(node: Node, interface: str, one_way_s: float) -> None:
     round_trip_ms = round(4 * one_way_s * 1e3)  # two cables, there and back
     retrans_ms = max(1000, 1000 + round_trip_ms // ARP_TRIES)
     node.cmd(f"ip ntable change name arp_cache dev {interface} retrans {retrans_ms}")
-
-
-def _ip(*words: str) -> None:
-    done = subprocess.run(
-        ["ip", *words],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=COMMAND_TIMEOUT_S,
-        start_new_session=True,
-    )
-    if done.returncode:
-        raise NetworkError(f"ip {' '.join(words)}: {done.stderr.strip()}")

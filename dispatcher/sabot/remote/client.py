@@ -7,7 +7,6 @@ are known on this side, too, because the physical layer asks for it all the time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any, Self
 
 import grpc
@@ -57,12 +56,7 @@ class RemoteSabot:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         with suppress(SabotUnreachable):
             self._call(self._stub.End, messages.EndRequest(workspace=self._workspace))
         self._channel.close()

@@ -15,7 +15,6 @@ import os
 import secrets
 import socket
 import struct
-import subprocess
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -26,6 +25,7 @@ from typing import Any, TextIO, TypeVar
 from mininet.link import Intf
 from mininet.node import Node
 
+from topologies.system.processes.commands import run
 from topologies.system.processes.programs import NetworkError
 from topologies.timeouts import COMMAND_TIMEOUT_S, INTERFACE_S, POLL_S, STAY_S
 
@@ -232,12 +232,11 @@ def set_mtu(name: str, mtu: int) -> None:
         fcntl.ioctl(kernel, SIOCSIFMTU, _request(name, struct.pack("=i", mtu)))
 
 
-def mtu_of(address: str) -> int:
-    """Return what the interface of this machine with an IPv4 address sends at most."""
-    output = subprocess.check_output(["ip", "-json", "address"], timeout=COMMAND_TIMEOUT_S)
-    for interface in json.loads(output):
+def interface_with(address: str) -> tuple[str, int]:
+    """Return the interface of this machine with an IPv4 address, and what it sends at most."""
+    for interface in json.loads(run("ip", "-json", "address", timeout_s=COMMAND_TIMEOUT_S)):
         if address in [each.get("local") for each in interface["addr_info"]]:
-            return int(interface["mtu"])
+            return str(interface["ifname"]), int(interface["mtu"])
     raise NetworkError(f"no interface of this machine has {address}")
 
 

@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 from threading import Thread
 
 from topologies.system.certificates.authority import CertificateAuthority, CertificateFiles
-from topologies.system.kernel.interfaces import mtu_of
+from topologies.system.kernel.interfaces import interface_with
 from topologies.system.machines.machine import Machine
 from topologies.system.machines.source import fingerprint
 from topologies.system.machines.tunnel import OVERHEAD_BYTES
@@ -113,7 +113,7 @@ class Gathering:
             writer.close()
             return
         here, address = self._here[certified], self._addresses[certified]
-        mtu = min(COPPER_MTU, mtu_of(here) - OVERHEAD_BYTES)
+        mtu = min(COPPER_MTU, interface_with(here)[1] - OVERHEAD_BYTES)
         self.found[certified] = Machine(about, address, here, mtu, reader, writer)
 
     def wait(self, check: Callable[[], None]) -> None:

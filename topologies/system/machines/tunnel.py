@@ -4,14 +4,13 @@ Each link has an identifier (VNI) of its own. Wrapped packets travel between add
 the machine on which the interface was made, whatever namespace it is moved to.
 """
 
-import subprocess
 from dataclasses import dataclass
 
 from topologies.system.kernel.interfaces import keep_segments
 from topologies.system.machines import user_space
 from topologies.system.machines.user_space import PORT
+from topologies.system.processes.commands import ip
 from topologies.system.processes.programs import NetworkError
-from topologies.timeouts import COMMAND_TIMEOUT_S
 
 KERNEL, OPEN_VSWITCH = TUNNELS = "kernel", "open-vswitch"
 NO_SUCH_KIND = "Unknown device type"  # as ip(8) says of a kernel that has none
@@ -35,32 +34,19 @@ class TunnelEnd:
             ends = self.local, self.remote
             user_space.make(self.name, self.mtu, self.identifier, ends, pid is not None)
         if self.hardware_address is not None:
-            _ip_link("set", self.name, "address", self.hardware_address)
+            ip([f"link set {self.name} address {self.hardware_address}"])
         keep_segments(self.name)
         if pid is not None:
-            _ip_link("set", self.name, "netns", str(pid))
+            ip([f"link set {self.name} netns {pid}"])
 
     def _made_by_kernel(self) -> bool:
         """Make it, or tell that this kernel has no VXLAN, unless it is to be the kernel's."""
-        place = ["local", self.local, "remote", self.remote, "dstport", str(PORT), "nolearning"]
-        made = ["add", self.name, "mtu", str(self.mtu), "type", "vxlan"]
+        place = f"local {self.local} remote {self.remote} dstport {PORT} nolearning"
+        kind = f"mtu {self.mtu} type vxlan id {self.identifier}"
         try:
-            _ip_link(*made, "id", str(self.identifier), *place)
+            ip([f"link add {self.name} {kind} {place}"])
         except NetworkError as error:
             if self.by == KERNEL or NO_SUCH_KIND not in str(error):
                 raise
             return False
         return True
-
-
-def _ip_link(*words: str) -> None:
-    done = subprocess.run(
-        ["ip", "link", *words],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=COMMAND_TIMEOUT_S,
-        start_new_session=True,
-    )
-    if done.returncode:
-        raise NetworkError(f"ip link {' '.join(words)}: {done.stderr.strip()}")

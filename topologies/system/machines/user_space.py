@@ -86,7 +86,7 @@ def _lay_under(local: str) -> None:
     """Make the bridges; `local` is the address of this machine that packets come to."""
     if not openvswitch.running():
         openvswitch.start(_daemon)
-    nic = _interface_of(local)
+    nic, _mtu = interfaces.interface_with(local)
     made = []
     for bridge in BRIDGES:
         settings = ["datapath_type=netdev", "fail_mode=secure"]
@@ -112,13 +112,6 @@ def _lead_to(remote: str) -> None:
         ("tnl/arp/set", UNDER, remote, _next_hop(remote)),
     ):
         run(*appctl, *words, timeout_s=COMMAND_TIMEOUT_S)
-
-
-def _interface_of(address: str) -> str:
-    for interface in json.loads(run("ip", "-json", "address", timeout_s=COMMAND_TIMEOUT_S)):
-        if address in [each.get("local") for each in interface["addr_info"]]:
-            return str(interface["ifname"])
-    raise NetworkError(f"no interface of this machine has {address}")
 
 
 def _next_hop(remote: str) -> str:

@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import ClassVar, Self
 
 from topologies.system.processes.programs import NetworkError
@@ -115,12 +115,7 @@ class Signals:
         self._note(number, frame)  # for the next check, if somebody swallows what is raised
         self.check()
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
         Signals.current = self._outer
         for number, handler in self._previous.items():
             signal.signal(number, handler)
