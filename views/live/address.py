@@ -4,18 +4,23 @@ docker/run leads to the page in a container from the machine's loopback; a comma
 several networks leads to that of each from one address (command_page.py).
 """
 
+import asyncio
 import atexit
 import os
 import pwd
 import secrets
 import shutil
+import signal
 import socket
 import subprocess
 import sys
 import webbrowser
+from collections.abc import Coroutine
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import NamedTemporaryFile
+from typing import Any
 
 from programs.connection_shares import SharedListener
 from topologies.system.namespaces import machine_listener
@@ -62,6 +67,15 @@ def listen(place: Place) -> tuple[SharedListener, int]:
     listener = SharedListener(socket.create_server(str(place.socket), family=socket.AF_UNIX))
     place.socket.chmod(0o600)
     return listener, place.port
+
+
+async def until_a_signal(serving: Coroutine[Any, Any, None]) -> None:
+    """Serve until a signal that ends this program."""
+    task = asyncio.ensure_future(serving)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, task.cancel)
+    with suppress(asyncio.CancelledError):
+        await task
 
 
 def say(address: str, browser: bool) -> None:

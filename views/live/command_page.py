@@ -15,7 +15,6 @@ import asyncio
 import json
 import re
 import shutil
-import signal
 import sys
 from contextlib import suppress
 from functools import partial
@@ -25,7 +24,7 @@ from pathlib import Path
 from programs.connection_shares import StreamServer
 from programs.relay import relay
 from qmn.timeouts import LIVE_HEAD_S, LIVE_LAST_S, LIVE_LOOK_AGAIN_S
-from views.live.address import LOOPBACK, Place, listen, place_given, say
+from views.live.address import LOOPBACK, Place, listen, place_given, say, until_a_signal
 from views.live.pages import PORT, Pages
 
 HTML, JSON = "text/html; charset=utf-8", "application/json"
@@ -41,18 +40,8 @@ NONE_YET = "No network of this command runs yet."
 ENDED = "Network {}, {}, has ended."
 
 
-async def main(pages: Pages) -> None:
-    """Serve until a signal that ends it; raise OSError if the place cannot be had."""
-    place = place_given() or Place()
-    serving = asyncio.ensure_future(serve(pages, place))
-    for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, serving.cancel)
-    with suppress(asyncio.CancelledError):
-        await serving
-
-
 async def serve(pages: Pages, place: Place) -> None:
-    """Tell where it is, and serve until this task is cancelled."""
+    """Say where it is, and serve until cancelled; raise OSError if the place cannot be had."""
     over, waiting = asyncio.Event(), set[asyncio.Task[None]]()
     answer = partial(answered, pages, over, waiting)
     listener, port = listen(place)
@@ -138,6 +127,6 @@ def response(status: int, kind: str = "text/plain", text: str = "", more: str = 
 
 if __name__ == "__main__":
     try:
-        asyncio.run(main(Pages(Path(sys.argv[1]))))
+        asyncio.run(until_a_signal(serve(Pages(Path(sys.argv[1])), place_given() or Place())))
     except OSError as error:
         sys.exit(f"qmn: {error}")

@@ -5,7 +5,6 @@ from math import ceil
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.patches import Rectangle
 from matplotlib.ticker import EngFormatter, MaxNLocator
 from numpy.typing import NDArray
 
@@ -93,29 +92,17 @@ def confusion(counts: NDArray[np.int64], states: int) -> str:
     rows = shown.sum(axis=1, keepdims=True)
     shares = shown / np.maximum(rows, 1)
     made, axes = drawing.figure(*SMALL_INCHES)
-    axes.grid(visible=False)
+    drawn = []
     for sent, received in np.ndindex(shown.shape):
         share, count = float(shares[sent, received]), int(shown[sent, received])
         colour = QUANTUM if sent == received else BAD
-        corner = (received - 0.46, sent - 0.44)
         # A few errors are to be seen beside very many right ones.
         alpha = 0.08 + 0.55 * share ** (1 if sent == received else 0.5) if count else 0.04
-        axes.add_patch(_cell(corner, colour, alpha))
-        text = f"{count:,}\n{100 * share:.3g} %"
-        axes.text(received, sent, text, ha="center", va="center", color=INK, fontsize=9)
-    axes.set_xlim(-0.5, states - 0.5)
-    axes.set_ylim(states - 0.5, -0.5)
-    axes.set_xticks(range(states), list(SYMBOLS[states]))
-    axes.set_yticks(range(states), list(SYMBOLS[states]))
+        drawn.append((received, sent, colour, alpha, f"{count:,}\n{100 * share:.3g} %"))
+    drawing.cells(axes, SYMBOLS[states], SYMBOLS[states], drawn, size=9)
     axes.set_xlabel("symbol received")
     axes.set_ylabel("symbol sent")
-    axes.tick_params(length=0)
-    axes.spines[:].set_visible(False)
     return drawing.svg(made, "symbols sent and received")
-
-
-def _cell(corner: tuple[float, float], colour: str, alpha: float) -> Rectangle:
-    return Rectangle(corner, 0.92, 0.88, facecolor=colour, alpha=alpha, edgecolor="none")
 
 
 @drawing.styled

@@ -5,12 +5,15 @@ so that the same figure is right on white and on black.
 """
 
 import re
+from collections.abc import Iterable, Sequence
+from html import escape
 from io import StringIO
 from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 INK, MUTED, GRID, PAPER = "#010101", "#020202", "#030303", "#040404"
 METADATA, QUANTUM, OPENFLOW, BAD = "#050505", "#060606", "#070707", "#080808"
@@ -74,6 +77,27 @@ def diagram(width: float, height: float) -> tuple[Figure, Axes]:
     return made, axes
 
 
+def cells(
+    axes: Axes,
+    columns: Sequence[str],
+    rows: Sequence[str],
+    drawn: Iterable[tuple[int, int, str, float, str]],
+    size: int,
+) -> None:
+    """Draw cells of a table, each by column, row, colour, how strong that is, and text."""
+    for x, y, colour, alpha, text in drawn:
+        corner = x - 0.46, y - 0.44
+        axes.add_patch(Rectangle(corner, 0.92, 0.88, facecolor=colour, alpha=alpha))
+        axes.text(x, y, text, ha="center", va="center", color=INK, fontsize=size)
+    axes.set_xlim(-0.5, len(columns) - 0.5)
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set_xticks(range(len(columns)), columns, fontsize=size)
+    axes.set_yticks(range(len(rows)), rows, fontsize=size)
+    axes.grid(visible=False)
+    axes.tick_params(length=0)
+    axes.spines[:].set_visible(False)
+
+
 def svg(made: Figure, label: str) -> str:
     """Return the figure as an element of a page; `label` is for those who do not see it."""
     with StringIO() as text:
@@ -85,12 +109,8 @@ def svg(made: Figure, label: str) -> str:
     body = re.sub(r"<metadata>.*?</metadata>", "", body, flags=re.DOTALL)
     body = re.sub(r'<g id="[^"]*">', "<g>", body)  # not unique among the figures of a page
     body = re.sub(r"#(0[1-9ab])\1\1\b", lambda found: variable(found[0]), body)
-    return f'<svg viewBox="{box}" role="img" aria-label="{_attribute(label)}">{body}'
+    return f'<svg viewBox="{box}" role="img" aria-label="{escape(label)}">{body}'
 
 
 def variable(colour: str) -> str:
     return f"var(--{VARIABLES[colour]})"
-
-
-def _attribute(text: str) -> str:
-    return text.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")

@@ -3,10 +3,8 @@
 from collections import defaultdict
 from collections.abc import Sequence
 
-from matplotlib.patches import Rectangle
-
 from views.report import drawing
-from views.report.drawing import INK, METADATA
+from views.report.drawing import METADATA
 from wire.results.run_result import LoadWait
 
 MOST_HOSTS = 16
@@ -35,21 +33,13 @@ def waits_diagram(waits: Sequence[LoadWait]) -> str:
     rows, columns = (sorted({pair[place] for pair in found}) for place in (0, 1))
     height = REST_INCHES + ROW_INCHES * len(rows)
     made, axes = drawing.figure(WIDTH_INCHES, height, left=LABEL_INCHES)
-    axes.grid(visible=False)
     most = max(found.values())
+    drawn = []
     for (waiter, holder), seconds in found.items():
-        x, y = columns.index(holder), rows.index(waiter)
-        # Short waits are to be seen beside long ones.
-        alpha = 0.08 + 0.6 * (seconds / most) ** 0.5
-        corner = (x - 0.46, y - 0.44)
-        axes.add_patch(Rectangle(corner, 0.92, 0.88, facecolor=METADATA, alpha=alpha))
-        axes.text(x, y, f"{seconds:.2g}", ha="center", va="center", color=INK, fontsize=8)
-    axes.set_xlim(-0.5, len(columns) - 0.5)
-    axes.set_ylim(len(rows) - 0.5, -0.5)
-    axes.set_xticks(range(len(columns)), columns, fontsize=8)
-    axes.set_yticks(range(len(rows)), rows, fontsize=8)
+        alpha = 0.08 + 0.6 * (seconds / most) ** 0.5  # short waits show beside long ones
+        place = columns.index(holder), rows.index(waiter)
+        drawn.append((*place, METADATA, alpha, f"{seconds:.2g}"))
+    drawing.cells(axes, columns, rows, drawn, size=8)
     axes.set_xlabel("for the light of")
     axes.set_ylabel("who waited")
-    axes.tick_params(length=0)
-    axes.spines[:].set_visible(False)
     return drawing.svg(made, "who waited for whose light, in seconds")

@@ -5,11 +5,11 @@ The page is served on the loopback, under an address that nobody can guess, unti
 
 import argparse
 import asyncio
-import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from qmn.options import add_options, read
 from qmn.run_archive.named_run import add_run
 from qmn.running.network import KILLED, announced_network, dispatcher_of_running_network
 from topologies.system.processes.programs import NetworkError
-from views.live.address import Place, place_given, say
+from views.live.address import Place, place_given, say, until_a_signal
 from views.live.handshakes import drawn_handshake
 from views.live.layout import described
 from views.live.server import View, serve
@@ -58,20 +58,12 @@ def call(arguments: argparse.Namespace) -> int:
         return 2
     try:
         with shown(arguments.run, options.read_only) as view:
-            asyncio.run(until_the_end(view, place, options.browser))
+            tell = partial(say, browser=options.browser)
+            asyncio.run(until_a_signal(serve(view, place, tell)))
     except (BadRun, MalformedPacket, NetworkError, OSError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
     return 0
-
-
-async def until_the_end(view: View, place: Place, browser: bool) -> None:
-    """Serve until a signal that ends it."""
-    serving = asyncio.ensure_future(serve(view, place, lambda address: say(address, browser)))
-    for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, serving.cancel)
-    with suppress(asyncio.CancelledError):
-        await serving
 
 
 @contextmanager
