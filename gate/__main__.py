@@ -16,7 +16,8 @@ def main() -> int:
     path = config_path("gate", __doc__)
     try:
         config = GateConfig.read(path)
-        gate = Gate(Path(config.time_folder), config.time_since_ns)
+        folder, leaps = Path(config.time_folder), Path(config.leaps)
+        gate = Gate(folder, config.time_since_ns, leaps, watched=config.watched)
     except (BadConfig, OSError) as error:
         print(f"gate: {error}", file=sys.stderr)
         return 1

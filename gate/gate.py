@@ -20,6 +20,7 @@ from pathlib import Path
 
 from gate.quiescence import Quiescence
 from gate.timeouts import PAUSE_S
+from wire.leaps import LEAP
 from wire.network_time import (
     GATE,
     INSTANT,
@@ -55,8 +56,20 @@ class Client:
 class Gate:
     """The clock, and the programs that wait for it."""
 
-    def __init__(self, folder: Path, since_ns: int, quiescence: Quiescence | None = None) -> None:
-        """Make the page and the socket in the folder; the clock begins at `since_ns`."""
+    def __init__(
+        self,
+        folder: Path,
+        since_ns: int,
+        leaps: Path,
+        quiescence: Quiescence | None = None,
+        watched: bool = False,
+    ) -> None:
+        """Make the page and the socket in the folder; the clock begins at `since_ns`.
+
+        Each leap goes into the file. If people watch, the clock never leads the wall once the
+        network is ready.
+        """
+        self._leaps_file = leaps.open("wb", buffering=0)
         self.leaps = self.wrong = 0  # wrong: a program asked for an instant that had passed
         self._quiet = Quiescence() if quiescence is None else quiescence
         page = os.open(folder / PAGE, os.O_RDWR | os.O_CREAT, 0o600)
@@ -65,6 +78,7 @@ class Gate:
         self._sent, self._taken = self._clock[1:TAKEN], self._clock[TAKEN + 1 :]
         os.close(page)
         self._clock[0] = self._since_ns = since_ns
+        self._watched, self._watched_since_s = watched, 0.0
         self._wall_ns = 0  # when the clock was set by the wall last; 0: it does not go with it
         self._stepped_since_ns = since_ns
         self._poller = select.epoll()
@@ -95,6 +109,7 @@ class Gate:
                 self._go_with_wall()
             elif self._is_awaited and self._is_quiet:
                 self._go_on()
+        self._leaps_file.close()
 
     @property
     def _is_quiet(self) -> bool:
@@ -121,12 +136,24 @@ class Gate:
     def _go_on(self) -> None:
         """Leap if nobody waits for this instant, and notify those whose turn is the first."""
         due = self._due()
+        if not due and self._watched and (early_s := self._early_s()) > 0:
+            self._poller.poll(early_s)
+            return
         if not due:
+            self._leaps_file.write(LEAP.pack(time.time_ns(), self._next_ns))
             self._clock[0] = self._next_ns
             self.leaps += 1
             due = self._due()
         turn = min(client.turn for client in due)
         self._notify(client for client in due if client.turn == turn)
+
+    def _early_s(self) -> float:
+        """Return by how much the next leap would lead the wall."""
+        if not (begun_ns := self._clock[TAKEN]):
+            return 0.0
+        now_s = time.monotonic()
+        self._watched_since_s = self._watched_since_s or now_s
+        return float(self._next_ns - begun_ns) / NS - (now_s - self._watched_since_s)
 
     def _wait_s(self) -> float | None:
         """Return how long to wait for clients at most; None: until one says something."""

@@ -20,6 +20,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from gate.gate import Gate
 from gate.quiescence import Quiescence
+from wire.leaps import LEAPS
 
 with open(sys.argv[1] + "/work", "w+b") as file:
     file.truncate(mmap.PAGESIZE)
@@ -30,7 +31,9 @@ class Counting(Gate):
         self.wrong += sum(work[::2]) != sum(work[1::2])
         super()._go_on()
 
-gate = Counting(Path(sys.argv[1]), int(sys.argv[2]), Quiescence(sys.argv[3]))
+folder, since, proc, *watched = sys.argv[1:]
+leaps, quiet = Path(folder, LEAPS), Quiescence(proc)
+gate = Counting(Path(folder), int(since), leaps, quiet, bool(watched))
 signal.signal(signal.SIGTERM, lambda *_: gate.stop())
 print("ready", flush=True)
 gate.run()
@@ -41,11 +44,12 @@ print(gate.leaps, gate.wrong)
 class Stepping:
     """A running gate."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, watched: bool = False) -> None:
         self.time = SteppedTime(1.0, SINCE_NS, str(folder))
         self._proc = folder / "proc"
         self._proc.mkdir()
         command = [sys.executable, "-c", GATE, str(folder), str(SINCE_NS), str(self._proc)]
+        command += ["watched"] * watched
         self._gate = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert self._gate.stdout is not None
         assert self._gate.stdout.readline() == "ready\n"
@@ -69,10 +73,10 @@ class Stepping:
 
 
 @contextmanager
-def stepping() -> Iterator[Stepping]:
+def stepping(watched: bool = False) -> Iterator[Stepping]:
     """Run a gate that looks at this process, and at others that it is told of."""
     with TemporaryDirectory(dir="/tmp") as folder:  # sockets need a short path
-        gate = Stepping(Path(folder))
+        gate = Stepping(Path(folder), watched)
         try:
             gate.watch(os.getpid())
             yield gate

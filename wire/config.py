@@ -237,7 +237,10 @@ class CopperConfig(Config):
 
 @dataclass(frozen=True)
 class GateConfig(Config):
-    """The configuration of the program that steps time: that of every program."""
+    """The configuration of the program that steps time."""
+
+    leaps: str  # path of the file that has each leap
+    watched: bool = False  # by people: the clock never leads the wall
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from applications.netqasm.folder import check_inputs, left_out, read_yaml
 from applications.netqasm.request import NetqasmRequest
 from qmn.jobs.obstacle import lost_light
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
-from qmn.jobs.stepped import check_stepped
+from qmn.jobs.stepped import with_pace
 from qmn.jobs.transfer import TransferError, follow_all
 from qmn.network.checks import check_network
 from qmn.network.description import describe_network
@@ -57,6 +57,7 @@ def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
     description = describe_network(replace(request.network, looking=request.looking))
     request = with_machines(request, description.hosts)
     application = checked(request, description.hosts)
+    description = with_pace(description, request.run)
     making_pairs = (description.parts.source_for(host) for host in application.hosts.values())
     felt = everything({*application.hosts.values(), *filter(None, making_pairs)})
     description = checked_settings("netqasm", felt, description)
@@ -101,7 +102,6 @@ def checked(request: NetqasmRequest, hosts: Sequence[str]) -> Application:
     """Return the application on some of these hosts; raise BadInput before anything is started."""
     check_network(request.network)
     check_ranges(request.run)
-    check_stepped(request.run, request.network)
     check_ranges(request)
     roles, folder = roles_of(request.path, request.ranks), request.path.resolve()
     if request.path.is_file():

@@ -29,7 +29,7 @@ from applications.vpn.tunnel import (
 )
 from qmn.jobs import eavesdropping
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
-from qmn.network.checks import FROM_TO, check_network, check_two_hosts, refuse_stepped
+from qmn.network.checks import FROM_TO, check_network, check_two_hosts
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.felt_settings import checked_settings, everything, felt_by
 from qmn.network.light_checks import check_light
@@ -73,7 +73,7 @@ def checked(request: VpnRequest) -> tuple[VpnRequest, NetworkDescription]:
     """
     if request.eve.eve is not None:
         request = replace(request, network=eavesdropping.with_eve(request.network))
-    network = describe_network(request.network)
+    network = describe_network(request.network).paced_for("tunnels have timers of their own")
     ends = network.node(request.sender), network.node(request.receiver)
     request = replace(request, sender=ends[0], receiver=ends[1])
     check_two_hosts(*ends, network.hosts, network.dark_hosts, FROM_TO)
@@ -84,7 +84,6 @@ def checked(request: VpnRequest) -> tuple[VpnRequest, NetworkDescription]:
     network = checked_settings(PROTOCOL, felt, network)
     check_network(request.network)
     check_ranges(request.run)
-    refuse_stepped(request.network, "tunnels have timers of their own")
     check_ranges(request)
     check_passing(request.eve, ends, network)
     if request.lifetime <= request.rotate:

@@ -95,7 +95,7 @@ def stepping() -> Iterator[SteppedTime]:
     """Run a gate, which looks at all that runs in this process's namespace."""
     with TemporaryDirectory(dir="/tmp") as folder:  # sockets need a short path
         config = Path(folder, "gate.json")
-        GateConfig(time_folder=folder).write(config)
+        GateConfig(f"{folder}/leaps", time_folder=folder).write(config)
         command = [python(), "-m", "gate", "--config", str(config)]
         with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=ROOT) as gate:
             try:

@@ -20,7 +20,7 @@ from qmn.jobs import eavesdropping, runner
 from qmn.jobs.eavesdropping import RELAYED, SPLITTABLE, Attack
 from qmn.jobs.policies import scheduling_policy, tapping_policy
 from qmn.jobs.run_context import RunContext
-from qmn.jobs.stepped import check_stepped
+from qmn.jobs.stepped import with_pace
 from qmn.network.checks import FROM_TO, LINE, check_network, check_two_hosts
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.felt_settings import checked_settings, everything, felt_by
@@ -164,7 +164,7 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     felt = felt_by(request.service, taking_part, network.parts, source, separate)
     check_network(request.network)
     check_ranges(request.run)
-    check_stepped(request.run, request.network)
+    network = with_pace(network, request.run)
     check_ranges(request)
     check_attack(request)
     if request.hand_out is not None and request.hand_out.exists():

@@ -14,14 +14,14 @@ from qmn.machines.options import machine_facts, machines_of
 from qmn.network.custom_topology import BadTopology
 from qmn.network.description import NetworkDescription
 from qmn.network.options import settings
-from qmn.network.time_scale import Scale
+from qmn.network.time_scale import Pace
 from qmn.options import BadInput
 from qmn.requests.request import Request
 from qmn.requests.run_options import RunOptions
 from qmn.results.result import network_facts, note_files
 from qmn.results.run_folder import give_to_invoker, given_at_the_end, lasting
 from qmn.results.run_result import RunResult
-from qmn.results.software_share import note_software
+from qmn.results.software_share import note_pace, note_software, time_text
 from qmn.results.timeline import timeline_of_run
 from qmn.running.dispatcher_calls import status
 from qmn.running.metrics_targets import announce
@@ -34,6 +34,7 @@ from topologies.system.processes.outputs import LostOutput
 from topologies.system.processes.programs import NetworkError
 from topologies.system.processes.signals import interrupted_words
 from views.live.beside import live_view
+from views.live.pages import Pages
 from views.report.beside import Draw, report_beside
 from wire.results.run_result import Approximated, EarlyNews, Job
 
@@ -114,23 +115,23 @@ def _running(
     context: RunContext, facts: RunResult, places: dict[str, Machine]
 ) -> Iterator[Network]:
     description, run, console = context.network, context.options, context.console
-    options, chosen = description.options, description.scale
-    facts.time = options.time
-    facts.time_scale, facts.time_scale_because = chosen.scale, chosen.reason or None
+    options, pace = description.options, description.pace
+    note_pace(facts, pace)
     console.print(f"starting the network ({options.controller}, seed {options.seed}) ...")
-    if chosen.reason:
-        console.print(f"time scale {chosen.scale:g}: {chosen.reason}")
+    if pace.reason:
+        console.print(f"time: {time_text(facts)}", soft_wrap=True)
     if unused := description.unused_settings:
         console.print(f"not used by {facts.service}: {', '.join(unused)}", soft_wrap=True)
     runtime = settings(
         options,
         context.folder,
-        chosen.scale,
+        pace,
         record=run.record,
         qasm=run.qasm,
         events=run.events,
     )
     runtime.places = places
+    runtime.watched = run.live or Pages.of_command() is not None
     with (
         given_at_the_end(options.keys),
         Network(
@@ -147,7 +148,7 @@ def _running(
         facts.backend = status(network).backend
         if run.classical_mbps is not None:
             for host in description.hosts:
-                slow_metadata(network.host(host), run.classical_mbps / chosen.scale)
+                slow_metadata(network.host(host), run.classical_mbps / pace.scale)
         if options.metrics:
             facts.metrics = urls = announce(runtime.metrics_addresses, context.folder)
             for program, url in urls.items():
@@ -165,13 +166,13 @@ def _running(
                 yield network
             except TransferError:  # the network lasts: a service has failed, or given no key
                 with suppress(NetworkError):  # which would hide the cause
-                    _note_light(facts, network, chosen)
+                    _note_light(facts, network, pace)
                 raise
-        _note_light(facts, network, chosen)
+        _note_light(facts, network, pace)
     note_files(facts, network)
 
 
-def _note_light(facts: RunResult, network: Network, scale: Scale) -> None:
+def _note_light(facts: RunResult, network: Network, pace: Pace) -> None:
     reached = status(network)
     facts.exact = reached.exact
     facts.approximations = [Approximated(each.name, each.most) for each in reached.approximations]
@@ -179,7 +180,7 @@ def _note_light(facts: RunResult, network: Network, scale: Scale) -> None:
     facts.photons_lost_waiting = reached.photons_lost_waiting
     early = worst(network.runtime)
     facts.acausal = EarlyNews(*early) if early else None
-    note_software(facts, reached.software, network.runtime.devices.values(), scale)
+    note_software(facts, reached.software, network.runtime.devices.values(), pace)
 
 
 @dataclass

@@ -1,13 +1,18 @@
-"""Checks of `--time stepped`: what the gate cannot see, or the wall paces, is refused."""
+"""Reasons of a run why its time is paced."""
 
-from qmn.network.checks import refuse_stepped
-from qmn.network.options import NetworkOptions
+from collections.abc import Iterator
+
+from qmn.network.description import NetworkDescription
 from qmn.requests.run_options import RunOptions
 
 
-def check_stepped(run: RunOptions, network: NetworkOptions) -> None:
-    """Raise BadInput for a stepped run with an option that only paced time has."""
+def with_pace(network: NetworkDescription, run: RunOptions) -> NetworkDescription:
+    """Return the network as a run of these options paces it; raise BadInput if it cannot be so."""
+    return network.paced_for(*_against_steps(run))
+
+
+def _against_steps(run: RunOptions) -> Iterator[str]:
     if run.machines > 1 or run.place:
-        refuse_stepped(network, "other machines have clocks of their own (--machines)")
+        yield "other machines have clocks of their own (--machines)"
     if run.classical_mbps is not None:
-        refuse_stepped(network, "the kernel counts --classical-mbps by the wall")
+        yield "the kernel counts --classical-mbps by the wall"

@@ -14,7 +14,7 @@ from hosts.middleware.services.superdense.options import SuperdenseOptions
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from qmn.jobs import runner
 from qmn.jobs.run_context import RunContext
-from qmn.jobs.stepped import check_stepped
+from qmn.jobs.stepped import with_pace
 from qmn.network.checks import FROM_TO, check_network, check_two_hosts
 from qmn.network.custom_topology import short_name
 from qmn.network.description import describe_network
@@ -53,6 +53,7 @@ def begun(
     options = replace(request.options, host=network.node(request.receiver))
     request = replace(request, sender=network.node(request.sender), options=options)
     size = check_input(request, network.hosts, network.dark_hosts)
+    network = with_pace(network, request.run)
     ends = request.sender, request.receiver
     check_light(SERVICE, ends, network.parts)
     network = checked_settings(SERVICE, felt_by(SERVICE, ends, network.parts), network)
@@ -111,7 +112,6 @@ def check_input(
         )
     check_network(request.network)
     check_ranges(request.run)
-    check_stepped(request.run, request.network)
     check_ranges(options)
     check_coding(options)
     return size

@@ -1,13 +1,12 @@
 """Checks of what a user says of a network, before anything starts."""
 
 import socket
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
 from controller_apps.policy.reading import BadPolicy, read_policy
 from qmn.network.options import NetworkOptions
-from qmn.network.time_scale import REAL, STEPPED
 from qmn.options import BadInput, check_ranges
 from wire.parameters.checks import NEAR, remedy
 
@@ -32,35 +31,9 @@ def check_network(options: NetworkOptions) -> None:
         check_address(options.rest)
     for module in options.apps:
         check_module(module)
-    for name in ("controller_delay", "host_delay", "switch_agent_delay"):
-        if getattr(options, name) and options.time != STEPPED:
-            flag = f"--{name.replace('_', '-')}"
-            raise BadInput(f"{flag} is exact in stepped time alone: add --time {STEPPED}")
-    for reason in only_paced(options):
-        refuse_stepped(options, reason)
     if options.keys and Path(options.keys).exists():
         raise BadInput(f"--keys {options.keys} exists: name a new folder for each network")
     check_ranges(options)
-
-
-def only_paced(options: NetworkOptions) -> Iterator[str]:
-    """Yield why a network with these options cannot be stepped."""
-    if options.time_scale != REAL:
-        yield "--time-scale is of paced time"
-    if options.control_loss:
-        yield "TCP repeats by the wall what --control-loss loses"
-    if options.sabot:
-        yield "what runs in the server of --sabot cannot be seen"
-    if options.policy:
-        yield "the controller looks at a --policy by the wall"
-    if options.apps:
-        yield "--app modules have timers of their own"
-
-
-def refuse_stepped(options: NetworkOptions, reason: str) -> None:
-    """Raise BadInput if a network is to be stepped."""
-    if options.time == STEPPED:
-        raise BadInput(f"--time {STEPPED}: {reason}; leave it out")
 
 
 def check_address(text: str) -> None:

@@ -13,8 +13,9 @@ from mininet.topo import Topo
 from dispatcher.fiber import fiber_noise
 from qmn.network.custom_topology import BadTopology, is_custom
 from qmn.network.options import MAP, NetworkOptions
+from qmn.network.pace import against_steps, pace_of
 from qmn.network.part_options import PartOptions, set_device
-from qmn.network.time_scale import AUTO, Scale, scale_of
+from qmn.network.time_scale import AUTO, Pace, scale_of
 from qmn.network.topologies import builder
 from topologies.catalogue.map_parts import spelling
 from topologies.catalogue.presets import preset
@@ -33,12 +34,12 @@ FIBER = ("length_km", "loss_db_per_km", "depolarizing", "kind", "channels")
 
 @dataclass(frozen=True)
 class NetworkDescription:
-    """Nodes and fibres of a network, the settings of its programs, and how slowly it runs."""
+    """Nodes and fibres of a network, the settings of its programs, and how its time passes."""
 
     options: NetworkOptions  # with the settings and the policy
     topo: Topo  # every node and link, as Mininet takes them
     parts: Description  # hosts with light, quantum switches, fibres
-    scale: Scale
+    pace: Pace
     every_fiber: FiberOptics | None  # what all fibres are like; None: the topology says it itself
     stated_devices: Mapping[str, Device]  # of hosts that are named, and of "every" other one
     unused_settings: tuple[str, ...] = ()  # HOST.PART.NAME of presets and topology, by a job
@@ -72,6 +73,14 @@ class NetworkDescription:
             parts=replace(self.parts, hosts={**self.parts.hosts, host: device}),
             stated_devices={**self.stated_devices, host: device},
         )
+
+    def paced_for(self, *reasons: str) -> "NetworkDescription":
+        """Return the network with paced time for these reasons; raise BadInput if it is to step."""
+        if self.pace.stepped:
+            return replace(
+                self, pace=pace_of(self.options, replace(self.pace, stepped=False), reasons)
+            )
+        return self
 
     def build(self) -> Topo:
         return self.topo
@@ -111,13 +120,14 @@ def _described(
     words.set_parts(content)
     assign_copper_lengths(topo)
     parts = describe(content)
+    paced = scale_of(options.time_scale, parts, round_trip_s(topo, options))
     own = every is None or is_custom(options.topology)
     named = {host: parts.hosts[host] for host in words.named_hosts}
     return NetworkDescription(
         options,
         topo,
         parts,
-        scale_of(options.time_scale, parts, round_trip_s(topo, options)),
+        pace_of(options, paced, against_steps(options, content)),
         None if own or options.topology == MAP else every,
         parts.hosts if own else {"every": words.base_device, **named},
     )

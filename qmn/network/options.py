@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from qmn.network.time_scale import AUTO, PACED, REAL, STEPPED, pace, scale
+from qmn.network.time_scale import AUTO, PACED, REAL, STEPPED, Pace, pace, scale
 from topologies.catalogue.node_kinds import NODE_KINDS
 from topologies.catalogue.presets import PRESETS
 from topologies.system.runs.runtime import Runtime
@@ -90,10 +90,11 @@ class TimeOptions:
     """How time passes in a network."""
 
     GROUP: ClassVar[str] = SIMULATION
-    time: str = option(
-        PACED,
+    time: str | None = option(
+        None,
         f"{STEPPED}: it stands while software runs; {PACED}: by the wall; {PACED}=K: a second of "
-        f"the network takes K seconds here, {AUTO} as many as it needs ({PACED}; docs/time.md)",
+        f"the network takes K seconds here, {AUTO} as many as it needs ({STEPPED} where time can "
+        "be; docs/time.md)",
         metavar="MODE",
         parse=pace,
         recorded=False,
@@ -117,10 +118,11 @@ class NetworkOptions(ShapeOptions, LightOptions, TimeOptions, NetworkSettings):
         """Take the topology of maps if a map is named, but no topology; take the time apart."""
         if self.map is not None and not self.topology:
             object.__setattr__(self, "topology", MAP)
-        mode, equals, named = self.time.partition("=")
+        mode, equals, named = (self.time or "").partition("=")
         if equals:
-            object.__setattr__(self, "time", mode)
             object.__setattr__(self, "time_scale", scale(named))
+        if equals or (not mode and self.time_scale != REAL):
+            object.__setattr__(self, "time", mode or PACED)
 
 
 KEYS = ("keys",)  # the options of networks over which keys may be distributed
@@ -129,7 +131,7 @@ KEYS = ("keys",)  # the options of networks over which keys may be distributed
 def settings(
     options: NetworkOptions,
     folder: Path | None,
-    time_scale: float,
+    pace: Pace,
     record: bool = False,
     qasm: bool = False,
     events: bool = True,
@@ -141,10 +143,10 @@ def settings(
     }
     return Runtime(
         settings=replace(options, **whole, tls=options.tls or bool(options.tls_from)),
-        time_scale=time_scale,
+        time_scale=pace.scale,
         log_folder=folder,
         record=record,
         qasm=qasm,
         events=events,
-        stepped=options.time == STEPPED,
+        stepped=pace.stepped,
     )

@@ -19,12 +19,13 @@ SHARE = 0.01  # of the shortest time, that software may take
 
 
 @dataclass(frozen=True)
-class Scale:
-    """A time scale, and why it is that."""
+class Pace:
+    """How the time of a network passes, and why."""
 
-    scale: float
-    reason: str = ""  # empty: somebody has named it
+    scale: float = REAL  # seconds here for one of the network
+    reason: str = ""  # empty: somebody has named it, or it is usual
     shortest: tuple[str, float] | None = None  # of the network's times, and its name
+    stepped: bool = False
 
 
 def scale(text: str) -> float | str:
@@ -48,7 +49,7 @@ def pace(text: str) -> str:
     return f"{PACED}={scale(named)}" if equals else text
 
 
-def scale_of(given: float | str, network: Description, round_trip_s: float = 0.0) -> Scale:
+def scale_of(given: float | str, network: Description, round_trip_s: float = 0.0) -> Pace:
     """Return the time scale of a network; `auto` goes by the shortest of its times.
 
     `round_trip_s` is the longest of packets along its copper: TCP is to live through it.
@@ -56,9 +57,9 @@ def scale_of(given: float | str, network: Description, round_trip_s: float = 0.0
     name, shortest_s = min(times(network), key=lambda each: each[1], default=("", inf))
     shortest = None if shortest_s == inf else (name, shortest_s)
     if isinstance(given, float):
-        return Scale(given, shortest=shortest)
+        return Pace(given, shortest=shortest)
     if shortest is None:
-        return Scale(REAL, "nothing in this network has a time of its own")
+        return Pace(REAL, "nothing in this network has a time of its own")
     software_s = SOFTWARE_S * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
     needed = max(REAL, software_s / (SHARE * shortest_s))
     most = max(REAL, min(MOST_SCALE, MOST_ROUND_TRIP_S / round_trip_s if round_trip_s else inf))
@@ -73,7 +74,7 @@ def scale_of(given: float | str, network: Description, round_trip_s: float = 0.0
             f"takes {needed:.3g}, and up to {most:.3g} a packet and its answer take no more than "
             f"the {MOST_ROUND_TRIP_S:g} s here that TCP lives through"
         )
-    return Scale(float(f"{min(needed, most):.3g}"), reason, shortest)
+    return Pace(float(f"{min(needed, most):.3g}"), reason, shortest)
 
 
 def times(network: Description) -> Iterator[tuple[str, float]]:

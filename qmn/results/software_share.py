@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from math import inf
 
-from qmn.network.time_scale import SHARE, STEPPED, Scale
+from qmn.network.time_scale import PACED, SHARE, STEPPED, Pace
 from qmn.results.run_result import NetworkResult
 from wire.dispatcher_pb2 import SoftwareTime
 from wire.parameters.physics import Device
@@ -13,8 +13,14 @@ DOMINATED = 0.5  # of a wait
 MATTERS = 0.01  # of the shortest time in which waiting does something
 
 
+def note_pace(facts: NetworkResult, pace: Pace) -> None:
+    """Add how time passes, and why."""
+    facts.time = STEPPED if pace.stepped else PACED
+    facts.time_scale, facts.time_scale_because = pace.scale, pace.reason or None
+
+
 def note_software(
-    facts: NetworkResult, software: SoftwareTime, devices: Iterable[Device], scale: Scale
+    facts: NetworkResult, software: SoftwareTime, devices: Iterable[Device], pace: Pace
 ) -> None:
     """Add how much was software; None where no qubit waited in a memory."""
     waited = software.largest_wait_share > 0 or software.longest_ns > 0
@@ -27,21 +33,17 @@ def note_software(
     facts.dominated_by_software = (
         decayed and longest_s > MATTERS * coherent_s and facts.time != STEPPED
     )
-    if scale.shortest is not None:
-        name, shortest_s = scale.shortest
+    if pace.shortest is not None:
+        name, shortest_s = pace.shortest
         facts.shortest_time = ShortestTime(name, shortest_s)
         if waited:
             facts.software_of_shortest = share = longest_s / shortest_s
-            facts.time_scale_kept = share < SHARE if scale.reason else None
+            facts.time_scale_kept = share < SHARE if pace.reason else None
 
 
 def rows(facts: NetworkResult) -> dict[str, str]:
     """Return the rows about time, for a person to read; a scale of 1 needs none."""
-    scale, lines = facts.time_scale, {}
-    if facts.time == STEPPED:
-        lines["time"] = "stepped: it stood while software ran"
-    elif scale != 1.0:
-        lines["time"] = f"1 s of the network took {scale:g} s here"
+    lines = {"time": time_text(facts)}
     share = facts.software_share
     if share is not None and facts.time != STEPPED:
         lines["software"] = (
@@ -64,6 +66,17 @@ def rows(facts: NetworkResult) -> dict[str, str]:
             "use --time stepped, or --time paced=auto where that is refused"
         )
     return lines
+
+
+def time_text(facts: NetworkResult) -> str:
+    """Return how time passes, and why it does not stand while software runs."""
+    if facts.time == STEPPED:
+        return f"{STEPPED}: it stands while software runs"
+    scale, reason = facts.time_scale or 1.0, facts.time_scale_because
+    here = (
+        "by the wall clock" if scale == 1.0 else f"a second of the network takes {scale:g} s here"
+    )
+    return f"{PACED}: {here}" + (f", as {reason}" if reason else "")
 
 
 def _stated(facts: NetworkResult) -> Iterator[tuple[str, str]]:

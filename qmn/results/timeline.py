@@ -2,7 +2,7 @@
 
 Packets of several captures in the order of time, in memory that does not grow with their number.
 
-The place of each packet is noted in 32 bytes; notes are sorted in batches, each put into a file,
+The place of each packet is noted in 40 bytes; notes are sorted in batches, each put into a file,
 and the sorted parts are then read beside each other.
 """
 
@@ -19,11 +19,12 @@ from typing import IO, NamedTuple
 from topologies.nodes.tls import KEY_LOGS
 from topologies.system.runs.runtime import EVENT_CAPTURE
 from views.dissection.dissectors import install
+from wire.leaps import LeapingClock
 from wire.malformed import MalformedPacket
 from wire.pcapng import TRAILER_BYTES, Interface, Packet, PcapReader, Reader, Writer
 
 # Big-endian, so that the bytes of notes sort as their fields do.
-NOTE = struct.Struct("!QIIQII")
+NOTE = struct.Struct("!QQIIQII")
 SORTED_AT_ONCE = 50_000  # notes: some 6 MB
 TIMELINE = "all.pcapng"
 MERGE_AT_MOST_BYTES = 500_000_000  # of captures, at the end of a run: a few seconds
@@ -36,6 +37,7 @@ class Place(NamedTuple):
     """Where a packet's bytes are; places sort by time, then by order of interfaces."""
 
     time_ns: int
+    wall_ns: int  # 0 of events: in stepped time, a packet is captured in an instant, behind these
     interface: int
     file: int
     offset: int
@@ -110,12 +112,13 @@ def merge(run: Path, target: Path | None = None, packet_bytes: int | None = None
     target = target or run / TIMELINE
     unfinished = target.with_name(f".{target.name}")
     interfaces: list[Interface] = []
+    clock = LeapingClock(run)
     with ExitStack() as stack:
         files = [stack.enter_context(capture.open("rb")) for capture in captures]
         places = (
             place
             for number, (file, capture) in enumerate(zip(files, captures, strict=True))
-            for place in _places(file, number, capture, interfaces)
+            for place in _places(file, number, capture, interfaces, clock)
         )
         beside = stack.enter_context(tempfile.TemporaryFile(dir=target.parent))
         ordered = in_time_order(places, beside)
@@ -123,7 +126,7 @@ def merge(run: Path, target: Path | None = None, packet_bytes: int | None = None
         unfinished.touch(mode=0o600, exist_ok=False)
         with unfinished.open("wb") as output:
             writer = Writer(output, interfaces, key_log(run))
-            for time_ns, interface, number, offset, size, length in ordered:
+            for time_ns, _wall_ns, interface, number, offset, size, length in ordered:
                 if packet_bytes is not None and captures[number].suffix == ".pcap":
                     size = min(size, packet_bytes)
                 data = os.pread(files[number].fileno(), size, offset)
@@ -138,7 +141,7 @@ def key_log(run: Path) -> bytes:
 
 
 def _places(
-    file: IO[bytes], number: int, capture: Path, interfaces: list[Interface]
+    file: IO[bytes], number: int, capture: Path, interfaces: list[Interface], clock: LeapingClock
 ) -> Iterator[Place]:
     """Yield where the packets of a file are; add its interfaces to the list."""
     first = len(interfaces)
@@ -147,12 +150,13 @@ def _places(
         interfaces.append(Interface(capture.stem, pcap.link_type))
         for time_ns, data, length, _interface in pcap.packets():
             size = len(data)
-            yield Place(time_ns, first, number, file.tell() - size, size, length)
+            place = first, number, file.tell() - size, size, length
+            yield Place(clock.at(time_ns), time_ns, *place)
         return
     events = Reader(file)
     for time_ns, data, length, interface in events.packets():
         end = file.tell() - TRAILER_BYTES - (-len(data) % 4)
-        yield Place(time_ns, first + interface, number, end - len(data), len(data), length)
+        yield Place(time_ns, 0, first + interface, number, end - len(data), len(data), length)
     interfaces += events.interfaces
 
 

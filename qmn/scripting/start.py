@@ -9,7 +9,7 @@ from typing import Any
 from mininet.topo import Topo
 
 from qmn.machines.options import MACHINES, MachineOptions, machine_facts, machines_of
-from qmn.network.checks import check_network, refuse_stepped
+from qmn.network.checks import check_network
 from qmn.network.description import (
     FIBER,
     NetworkDescription,
@@ -23,7 +23,7 @@ from qmn.options import BadInput, from_keywords
 from qmn.results.artifacts import artifacts_of
 from qmn.results.result import network_facts, note_files
 from qmn.results.run_folder import given_at_the_end
-from qmn.results.software_share import note_software
+from qmn.results.software_share import note_pace, note_software
 from qmn.running.dispatcher_calls import status
 from qmn.running.metrics_targets import announce
 from qmn.running.network import announce_network
@@ -33,6 +33,7 @@ from topologies.networks.network import Signals
 from topologies.system.namespaces import are_own
 from topologies.system.processes.programs import find_tools
 from views.live.beside import live_view
+from views.live.pages import Pages
 from wire.parameters.checks import remedy
 from wire.results.run_result import EarlyNews
 
@@ -70,9 +71,11 @@ def start(
     check_network(asked)
     where = from_keywords(MachineOptions, of_machines)
     if not are_own():
-        refuse_stepped(asked, "other processes would hold its clock: start it by `qmn script`")
+        description = description.paced_for(
+            "other processes would hold its clock: start it by `qmn script`"
+        )
     if where.machines > 1 or where.place:
-        refuse_stepped(asked, "other machines have clocks of their own")
+        description = description.paced_for("other machines have clocks of their own")
     folder = Path(folder) if folder is not None else None
     with (
         running(description, folder, where) as network,
@@ -86,17 +89,17 @@ def running(
     description: NetworkDescription, folder: Path | None, where: MachineOptions
 ) -> Iterator[QuantumNetwork]:
     """Run a network; a signal that comes while it starts is raised as Interrupted."""
-    options, chosen = description.options, description.scale
+    options, pace = description.options, description.pace
     with (
         Signals() as signals,
         given_at_the_end(options.keys),
         artifacts_of(options, folder) as facts,
         machines_of(where, description.hosts, folder, signals.check) as places,
     ):
-        facts.time = options.time
-        facts.time_scale, facts.time_scale_because = chosen.scale, chosen.reason or None
-        runtime = settings(options, folder, chosen.scale)
+        note_pace(facts, pace)
+        runtime = settings(options, folder, pace)
         runtime.places = places
+        runtime.watched = Pages.of_command() is not None
         network = QuantumNetwork(description.build, runtime, signals)
         try:
             with network, signals.at_once():
@@ -110,7 +113,7 @@ def running(
                     facts.metrics = announce(runtime.metrics_addresses, folder)
                 yield network
                 software = status(network).software
-                note_software(facts, software, network.runtime.devices.values(), chosen)
+                note_software(facts, software, network.runtime.devices.values(), pace)
         finally:
             note_files(facts, network)
 

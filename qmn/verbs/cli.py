@@ -7,17 +7,18 @@ import argparse
 import io
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from qmn.machines.options import MachineOptions
 from qmn.needs import Needs
-from qmn.network.checks import check_network, refuse_stepped
+from qmn.network.checks import check_network
 from qmn.network.custom_topology import BadTopology, short_name
 from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
 from qmn.network.programs import NetworkProgram, Start
+from qmn.network.time_scale import PACED
 from qmn.network.topologies import TakeTopology, described_topologies, topology
 from qmn.options import BadInput, add_options, read
 from qmn.registered import PROGRAMS, registered
@@ -96,16 +97,13 @@ def start_and_obey(
     for program, own in beside:
         options = program.network(own, options)
     check_network(options)
-    refuse_stepped(options, "people type by the wall")
-    description = describe_network(options)
+    options = replace(options, time=options.time or PACED)
+    description = describe_network(options).paced_for("people type by the wall")
     starts = [program.prepare(own, description.hosts) for program, own in beside]
     require_free(description.topo)
     folder = begin_folder(extras.runs, short_name(options.topology))
     try:
         print(f"starting the network; its logs and quantum events: {folder}", flush=True)
-        if description.scale.reason:
-            chosen = description.scale
-            print(f"time scale {chosen.scale:g}: {chosen.reason}", flush=True)
         with running(description, folder, where) as network:
             if packet_bytes := CAPTURES[extras.captures]:
                 switches = network.copper_switches

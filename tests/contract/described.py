@@ -10,6 +10,7 @@ import os
 from argparse import ArgumentParser
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 from functools import cache, partial
 from itertools import count
 from pathlib import Path
@@ -81,7 +82,8 @@ def configurations(*words: str) -> Configurations:
     """Return what each program reads when it starts; nobody changes it."""
     with without_machine(folder()):
         described = describe_network(options(*words))
-        network = settings(described.options, folder() / "logs", described.scale.scale)
+        paced = replace(described.pace, stepped=False)  # there is no gate
+        network = settings(described.options, folder() / "logs", paced)
         try:
             runtime.begin(network)
             return dict(_configurations(network, described.build()))

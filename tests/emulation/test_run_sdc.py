@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from conftest import ROOT, qmn, qmn_command, verb
 from limits import PROGRAM_S, SOON_S
@@ -20,6 +21,7 @@ from wire.metadata.decoding import decode
 from wire.metadata.header import METADATA_PORT
 from wire.metadata.setup import SETUP_LENGTH, Setup
 from wire.metadata.vocabulary import Verdict
+from wire.pcapng import Reader
 
 SEQUENTIAL = "one"  # is sent by handshakes that wait for each other
 RESULT_KEYS = {
@@ -290,19 +292,17 @@ def setup_in(packet: Any) -> Setup | None:
     return message if isinstance(message, Setup) else None
 
 
-def test_the_event_log_is_on_the_clock_of_the_captures(
+def test_the_event_log_is_on_the_clock_of_the_timeline(
     short_run: tuple[Path, dict[str, Any]],
 ) -> None:
     folder, result = short_run
     log = (folder / "quantum.log").read_text().splitlines()
     measured = [line.split()[0] for line in log if "bell-measure" in line]
     assert len(measured) == 1
-    with PcapReader(result["captures"][0]) as packets:
-        times = [float(packet.time) for packet in packets]
-    from datetime import datetime
-
-    moment = datetime.fromisoformat(measured[0][:26] + "+00:00").timestamp()
-    assert times[0] < moment < times[-1]
+    with Path(result["timeline"]).open("rb") as file:
+        times = [packet.time_ns for packet in Reader(file).packets()]
+    moment_ns = np.datetime64(measured[0].rstrip("Z"), "ns").astype(int)
+    assert times[0] < moment_ns < times[-1]
 
 
 LOSSY = ["--message", "x" * 500, "--loss-db-per-km", "50", "--depolarizing", "0.0005"]

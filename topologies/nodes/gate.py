@@ -9,6 +9,7 @@ from topologies.system.runs.launching import launch
 from topologies.system.runs.runtime import Runtime
 from topologies.timeouts import LEAP_TIMEOUT_S, READY_TIMEOUT_S
 from wire.config import GateConfig
+from wire.leaps import LEAPS
 from wire.network_time import NEVER, WITH_WALL, GateClient, SteppedTime
 
 GATE = "gate"
@@ -24,7 +25,9 @@ class Start:
         self._time = network.time
         self._client: GateClient | None = None
         if isinstance(network.time, SteppedTime):
-            launch(network, GATE, "gate", GateConfig()).wait_for("ready", READY_TIMEOUT_S)
+            launch(
+                network, GATE, "gate", GateConfig(str(network.logs / LEAPS), network.watched)
+            ).wait_for("ready", READY_TIMEOUT_S)
             repeat_nothing()
             self._client = GateClient(network.time)
             self._client.wait_for(WITH_WALL)

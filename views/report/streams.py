@@ -8,6 +8,7 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
+from wire.leaps import LeapingClock
 from wire.malformed import MalformedPacket
 from wire.pcapng import LINKTYPE_ETHERNET, Packet, PcapReader
 
@@ -38,13 +39,16 @@ class Flow(NamedTuple):
 
 
 def segments(file: Path) -> Iterator[Segment]:
-    """Yield a capture's first TCP segments with data; raise MalformedPacket if it is not one."""
+    """Yield a capture's first TCP segments with data, by the network's time.
+
+    Raise MalformedPacket for a file that is not a capture.
+    """
     with file.open("rb") as opened:
-        reader = PcapReader(opened)
+        reader, clock = PcapReader(opened), LeapingClock(file.parent)
         if reader.link_type != LINKTYPE_ETHERNET:
             raise MalformedPacket(f"{file.name}: link type {reader.link_type} is not Ethernet")
         for packet in islice(reader.packets(), MAX_PACKETS):
-            segment = _segment(packet)
+            segment = _segment(packet._replace(time_ns=clock.at(packet.time_ns)))
             if segment is not None:
                 yield segment
 

@@ -147,6 +147,19 @@ def test_the_clock_goes_with_the_wall_while_a_program_asks_for_it(gate: Stepping
     client.close()
 
 
+def test_the_clock_never_leads_the_wall_where_people_watch() -> None:
+    with stepping(watched=True) as gate, GateClientOf(gate) as client:
+        client.wait_for(SINCE_NS + 3_600 * 10**9)  # of the start
+        soon(client)
+        began_s = time.monotonic()
+        gate.time.begin()
+        for number in range(1, 4):
+            client.wait_for(SINCE_NS + 3_600 * 10**9 + number * 50_000_000)
+            soon(client)
+        assert gate.time.now_s() == 3_600.15
+        assert time.monotonic() - began_s >= 0.15
+
+
 def test_the_clock_does_not_leap_for_the_background(gate: Stepping) -> None:
     polling, client = GateClient(gate.time), GateClient(gate.time)
     polling.wait_for(NEVER, SINCE_NS + 5)

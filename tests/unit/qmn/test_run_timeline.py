@@ -23,6 +23,7 @@ from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.config import Fiber, FiberEnd
 from wire.dispatcher_pb2 import Event
 from wire.events import decode_record
+from wire.leaps import LEAP, LEAPS
 from wire.malformed import MalformedPacket
 from wire.pcapng import Packet, Reader
 
@@ -58,6 +59,25 @@ def read(file: Path) -> tuple[list[str], list[Packet]]:
         reader = Reader(opened)
         packets = list(reader.packets())
     return [interface.name for interface in reader.interfaces], packets
+
+
+def test_a_packet_has_the_instant_of_the_last_leap_before_it(tmp_path: Path) -> None:
+    capture(tmp_path / "s1-eth1.pcap", [5, 10, 25])
+    capture(tmp_path / "s1-eth2.pcap", [20])
+    record(tmp_path / EVENT_CAPTURE, [event(1_000), event(2_000)])
+    leaps = ((9, 1_000), (22, 2_000))  # by the wall, and to which instant
+    begin_ns = START_S * 10**9
+    packed = b"".join(LEAP.pack(begin_ns + wall, begin_ns + to) for wall, to in leaps)
+    (tmp_path / LEAPS).write_bytes(packed + b"cut")
+    names, packets = read(merge(tmp_path))
+    assert [(packet.time_ns - begin_ns, names[packet.interface]) for packet in packets] == [
+        (5, "s1-eth1"),
+        (1_000, "dispatcher"),
+        (1_000, "s1-eth1"),
+        (1_000, "s1-eth2"),
+        (2_000, "dispatcher"),
+        (2_000, "s1-eth1"),
+    ]
 
 
 def test_packets_and_events_are_in_time_order_on_named_interfaces(tmp_path: Path) -> None:

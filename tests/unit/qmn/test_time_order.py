@@ -18,7 +18,7 @@ def places(count: int, seed: int = 3) -> Iterator[Place]:
     random = Random(seed)
     for number in range(count):
         time_ns = 10**18 + 1000 * number + random.randrange(5000)
-        yield Place(time_ns, number % 4, number % 4, random.randrange(1 << 40), 60, 1500)
+        yield Place(time_ns, time_ns, number % 4, number % 4, random.randrange(1 << 40), 60, 1500)
 
 
 @pytest.mark.parametrize("at_once", [1, 7, 1000, 5000])

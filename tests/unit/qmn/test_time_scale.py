@@ -10,7 +10,7 @@ from recorded_run import service_run
 
 from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
-from qmn.network.time_scale import SHARE, SOFTWARE_S, Scale, pace, scale, scale_of
+from qmn.network.time_scale import SHARE, SOFTWARE_S, Pace, pace, scale, scale_of
 from qmn.options import add_options, read
 from qmn.results.run_result import RunResult
 from qmn.results.software_share import note_software, rows
@@ -70,12 +70,12 @@ def described(topo: Topo) -> Description:
     return describe(content_of(topo))
 
 
-def chosen_for(*words: str) -> Scale:
+def chosen_for(*words: str) -> Pace:
     parser = argparse.ArgumentParser()
     add_options(parser, NetworkOptions)
     words = ("--time-scale", "auto", *words)
     named = replace(read(NetworkOptions, parser.parse_args(words)), topology="sdc")
-    return describe_network(named).scale
+    return describe_network(named).pace
 
 
 @pytest.mark.parametrize(
@@ -120,10 +120,10 @@ def test_a_network_without_a_time_of_its_own_runs_in_real_time() -> None:
     assert scale_of("auto", described(SdcTopo(length_km=0.0))).scale == 1.0
 
 
-NAMED = Scale(1.0)
+NAMED = Pace(1.0)
 
 
-def facts_of(share: float, software_s: float, t2_s: float, scale: Scale = NAMED) -> RunResult:
+def facts_of(share: float, software_s: float, t2_s: float, scale: Pace = NAMED) -> RunResult:
     told = SoftwareTime(
         largest_wait_share=share, largest_decaying_share=share, longest_ns=round(software_s * 1e9)
     )
@@ -135,7 +135,7 @@ def facts_of(share: float, software_s: float, t2_s: float, scale: Scale = NAMED)
 
 @pytest.mark.parametrize(("software_s", "kept"), [(0.9e-3, True), (1.1e-3, False)])
 def test_what_auto_means_is_held_against_what_was_measured(software_s: float, kept: bool) -> None:
-    auto = Scale(40.0, "because", ("T2 of bob", 0.1))
+    auto = Pace(40.0, "because", ("T2 of bob", 0.1))
     facts = facts_of(0.1, software_s, 0.1, auto)
     assert facts.software_of_shortest == pytest.approx(software_s / 0.1)
     assert facts.shortest_time == ShortestTime("T2 of bob", 0.1)
@@ -147,7 +147,7 @@ def test_what_auto_means_is_held_against_what_was_measured(software_s: float, ke
 
 
 def test_a_scale_that_is_named_promises_nothing_but_is_told_its_share() -> None:
-    facts = facts_of(0.1, 0.05, 0.1, Scale(40.0, shortest=("T2 of bob", 0.1)))
+    facts = facts_of(0.1, 0.05, 0.1, Pace(40.0, shortest=("T2 of bob", 0.1)))
     assert facts.software_of_shortest == pytest.approx(0.5)
     assert facts.time_scale_kept is None
 
@@ -168,14 +168,14 @@ def test_a_wait_that_harms_nothing_and_a_scale_of_one_are_no_news() -> None:
         "no effect, as these memories do not decay in that time"
     )
     assert "no effect" not in rows(facts_of(0.4, 0.02, t2_s=10.0))["software"]
-    assert "time" not in lines
-    slower = rows(facts_of(0.9, 0.02, t2_s=10.0, scale=Scale(5.0)))
-    assert slower["time"] == "1 s of the network took 5 s here"
+    assert lines["time"] == "paced: by the wall clock"
+    slower = rows(facts_of(0.9, 0.02, t2_s=10.0, scale=Pace(5.0)))
+    assert slower["time"] == "paced: a second of the network takes 5 s here"
 
 
 def test_where_nothing_waited_no_share_is_made_up() -> None:
     facts = service_run()
-    note_software(facts, SoftwareTime(), [Device()], Scale(40.0, "because", ("T2 of bob", 0.1)))
+    note_software(facts, SoftwareTime(), [Device()], Pace(40.0, "because", ("T2 of bob", 0.1)))
     assert facts.software_share is None
     assert facts.software_of_shortest is facts.time_scale_kept is None
     assert "software" not in rows(facts)

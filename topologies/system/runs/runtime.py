@@ -56,6 +56,7 @@ class Runtime:
     settings: NetworkSettings = field(default_factory=NetworkSettings)
     time_scale: float = 1.0  # seconds here for one second of the network
     stepped: bool = False  # whether time stands while programs run
+    watched: bool = False  # whether stepped time never leads the wall, for people
     record: bool = False  # whether the dispatcher records what it is asked, for a replay
     events: bool = True  # whether the dispatcher writes what happens to qubits
     qasm: bool = False  # whether the dispatcher dumps what is done to qubits

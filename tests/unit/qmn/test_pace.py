@@ -1,0 +1,78 @@
+"""Time is stepped by default, and paced where something in the network goes by the wall."""
+
+import pytest
+
+from qmn.jobs.stepped import with_pace
+from qmn.machines.options import MachineOptions
+from qmn.network.description import describe_network, describe_own
+from qmn.network.options import NetworkOptions
+from qmn.network.time_scale import Pace
+from qmn.options import BadInput
+from qmn.requests.run_options import RunOptions
+from qmn.verbs.cli import CliOptions, start_and_obey
+from topologies.links.copper_link import CopperLink
+from topologies.sdc import SdcTopo
+
+
+def pace(run: RunOptions | None = None, **options: object) -> Pace:
+    described = describe_network(NetworkOptions(topology="sdc", **options))  # type: ignore[arg-type]
+    return with_pace(described, run or RunOptions()).pace
+
+
+def test_time_is_stepped_unless_somebody_says_how_it_is_paced() -> None:
+    assert pace().stepped
+    assert pace(time="stepped", host_delay="5ms").stepped
+    assert not pace(time="paced").stepped
+    assert (pace(time="paced=40").stepped, pace(time="paced=40").scale) == (False, 40.0)
+    assert not pace(time="paced", control_loss=0.1).reason  # it was asked for
+
+
+PACED = [
+    ({"control_loss": 0.1}, RunOptions(), "--control-loss"),
+    ({"sabot": "/tmp/socket"}, RunOptions(), "--sabot"),
+    ({"apps": ("own",)}, RunOptions(), "--app"),
+    ({}, RunOptions(machines=2), "--machines"),
+    ({}, RunOptions(classical_mbps=5.0), "--classical-mbps"),
+]
+
+
+@pytest.mark.parametrize(("options", "run", "reason"), PACED, ids=[each[2] for each in PACED])
+def test_what_goes_by_the_wall_paces_the_network_with_the_reason(
+    options: dict[str, object], run: RunOptions, reason: str
+) -> None:
+    chosen = pace(run, **options)
+    assert (chosen.stepped, chosen.scale) == (False, 1.0)
+    assert reason in chosen.reason
+    with pytest.raises(BadInput, match=f"--time stepped: .*{reason}.*; leave it out"):
+        pace(run, time="stepped", **options)
+    with pytest.raises(BadInput, match=f"--host-delay is exact in stepped time alone: .*{reason}"):
+        pace(run, host_delay="5ms", **options)
+
+
+class Own(SdcTopo):
+    """With parts that go by the wall: copper that loses packets, an instrument."""
+
+    def build(self, part: str = "", **parameters: object) -> None:  # type: ignore[override]
+        super().build(**parameters)  # type: ignore[arg-type]
+        if part == "loss":
+            self.addLink(self.addHost("dave"), "s1", cls=CopperLink, loss=0.1)
+        if part == "hardware":
+            self.nodeInfo("q1")["hardware"] = "scpi://192.0.2.7:5025"
+
+
+@pytest.mark.parametrize(
+    ("part", "reason"),
+    [
+        ("loss", "TCP repeats by the wall what copper dave to s1 loses"),
+        ("hardware", "the instrument of q1 runs in real time"),
+    ],
+)
+def test_parts_of_a_topology_that_go_by_the_wall_pace_it(part: str, reason: str) -> None:
+    described = describe_own(lambda: Own(part=part), NetworkOptions())
+    assert (described.pace.stepped, described.pace.reason) == (False, reason)
+
+
+def test_people_type_by_the_wall() -> None:
+    options = NetworkOptions(topology="sdc", time="stepped")
+    with pytest.raises(BadInput, match="people type by the wall"):
+        start_and_obey(options, [], MachineOptions(), CliOptions())

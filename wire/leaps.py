@@ -1,0 +1,21 @@
+"""The leaps of a stepped clock as a run keeps them, by which captures get the network's time."""
+
+import struct
+from bisect import bisect_right
+from pathlib import Path
+
+LEAPS = "clock.leaps"  # in the folder of a run
+LEAP = struct.Struct("=QQ")  # when, by the wall, and to which instant
+
+
+class LeapingClock:
+    """The network's clock at times of the wall; the wall's own before the first leap."""
+
+    def __init__(self, run: Path) -> None:
+        file = run / LEAPS
+        leaps = file.read_bytes() if file.exists() else b""
+        self._leaps = [*LEAP.iter_unpack(leaps[: len(leaps) // LEAP.size * LEAP.size])]
+
+    def at(self, wall_ns: int) -> int:
+        number = bisect_right(self._leaps, wall_ns, key=lambda leap: leap[0])
+        return int(self._leaps[number - 1][1]) if number else wall_ns
