@@ -100,9 +100,9 @@ class Forwarder:
                 os.set_blocking(into, False)
                 way = Direction(into, out_of, delay_ns, cable.loss, ns_per_byte)
                 if software:
-                    way.software = Software(software, f"{config.seed} {name}")
-                if is_queued(software):
-                    way.software = queued.setdefault(name, way.software)
+                    program = Software(software, f"{config.seed} {name}")
+                    one = is_queued(software)
+                    way.software = queued.setdefault(name, program) if one else program
                 self._directions[into] = way
                 self._readable.register(into, select.EPOLLIN)
         time_ = config.time

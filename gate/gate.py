@@ -47,9 +47,9 @@ class Client:
     turn: int = PROGRAMS
     is_notified: bool = False  # since it has named these
 
-    def is_due(self, now_ns: int) -> bool:
-        """Whether it is to be notified."""
-        first_ns = min(self.deadline_ns, self.background_ns)
+    def is_due(self, now_ns: int, in_background: bool) -> bool:
+        """Whether it is to be notified, of its deadline in the background as well."""
+        first_ns = min(self.deadline_ns, self.background_ns if in_background else NEVER)
         return WITH_WALL < first_ns <= now_ns and not self.is_notified
 
 
@@ -121,8 +121,11 @@ class Gate:
         return any(client.deadline_ns == WITH_WALL for client in self._clients.values())
 
     def _due(self) -> list[Client]:
-        now_ns = self._clock[0]
-        return [client for client in self._clients.values() if client.is_due(now_ns)]
+        return [client for client in self._clients.values() if self._is_due(client)]
+
+    def _is_due(self, client: Client) -> bool:
+        """Whether to notify it: in the background not before the network is ready, but idle."""
+        return client.is_due(self._clock[0], bool(self._wall_ns or self._clock[TAKEN]))
 
     @property
     def _next_ns(self) -> int:
@@ -194,7 +197,7 @@ class Gate:
         client.is_notified = False
         now_ns = self._clock[0]
         self.wrong += self._stepped_since_ns < client.deadline_ns < now_ns
-        if client.is_due(now_ns) and (client.turn <= PROGRAMS or self._wall_ns):
+        if self._is_due(client) and (client.turn <= PROGRAMS or self._wall_ns):
             self._notify([client])
 
     def _go_with_wall(self) -> None:

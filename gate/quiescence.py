@@ -2,7 +2,9 @@
 
 Nothing runs if each task sleeps and has had no time slice from a look before to one behind that:
 what had been woken, and slept again when it was looked at, would have had one. Packets that the
-kernel has not handed on yet count as running.
+kernel has not handed on yet count as running. Threads of gRPC do not, which wake several times a
+second without work: what they carry is counted (wire.network_time.LinkCounts), or who waits for it
+holds time.
 """
 
 import os
@@ -12,6 +14,7 @@ from typing import NamedTuple, Self
 
 STAT_BYTES = 512
 RUNS = b"RD"  # states of a task: on a processor or waiting for one, and waiting for a disk
+CARRIERS = (b"event_engine", b"grpc_global_tim", b"lifeguard")  # gRPC's threads
 BACKLOG = 11  # field of softnet_stat, in hexadecimal
 
 
@@ -35,6 +38,12 @@ class Task(NamedTuple):
         """Close the files."""
         os.close(self.stat)
         os.close(self.schedstat)
+
+    @property
+    def is_carrier(self) -> bool:
+        """Whether it is a thread of gRPC; raise OSError if it has ended."""
+        stat = os.pread(self.stat, STAT_BYTES, 0)
+        return stat[stat.index(b"(") + 1 : stat.rindex(b")")] in CARRIERS
 
     @property
     def runs(self) -> bool:
@@ -104,6 +113,10 @@ def _tasks(proc: str) -> Iterator[Task]:
             continue
         try:
             for thread in os.listdir(f"{proc}/{process}/task"):
-                yield Task.opened(str(Path(proc, process, "task", thread)))
+                task = Task.opened(str(Path(proc, process, "task", thread)))
+                if task.is_carrier:
+                    task.close()
+                else:
+                    yield task
         except (FileNotFoundError, ProcessLookupError):
             continue  # it has ended meanwhile

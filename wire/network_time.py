@@ -176,6 +176,11 @@ class LinkCounts:
         if self._page is not None:
             self._page[self._taken] += 1
 
+    def answered(self) -> None:
+        """Count a message as taken whose answer has come: the far end does not count it."""
+        if self._page is not None:
+            self._page[self._sent + TAKEN] += 1
+
     def ended(self) -> None:
         """Count all that the other end has sent as taken: no more will come."""
         if self._page is not None:

@@ -157,7 +157,7 @@ class Orders:
             if any(
                 step.receive.block in blocks for step in waiting.steps if step.HasField("receive")
             ):
-                self._outgoing.put_nowait(Order(number=number, lost=True))
+                self._put(Order(number=number, lost=True))
 
     async def close(self) -> None:
         """End the stream; there is no other after it."""
@@ -187,13 +187,17 @@ class Orders:
     def _cancel(self, number: int) -> None:
         """Tell the dispatcher that nobody waits for an order any more."""
         if self._open and not self._closed:
-            self._outgoing.put_nowait(Order(number=number, cancel=True))
+            self._put(Order(number=number, cancel=True))
 
     def write(self, order: Order) -> None:
         """Send an order; raise HardwareError if there is no way any more."""
         if self._closed:
             raise HardwareError("the QNIC is closed")
         self.open()
+        self._put(order)
+
+    def _put(self, order: Order) -> None:
+        self._counts.sent()
         self._outgoing.put_nowait(order)
 
     def open(self) -> None:
@@ -235,7 +239,6 @@ class Orders:
         """Give orders as they come, for ever."""
         while True:
             order = await orders.get()
-            self._counts.sent()
             yield order
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import grpc
 
+from programs.network_waits import NetworkWaits
 from qmn.running.controller_console import NoAnswer
 from qmn.timeouts import ORDER_TIMEOUT_S
 from topologies.system.processes.programs import NetworkError
@@ -34,7 +35,11 @@ def ask_dispatcher(
     config: DispatcherConfig, call: str, request: Any, timeout_s: float = ORDER_TIMEOUT_S
 ) -> Any:
     """Return the dispatcher's reply; raise BadChange if it refuses, NetworkError if it is gone."""
-    with grpc.insecure_channel(f"unix:{config.socket}") as channel:
+    with (
+        NetworkWaits(config.time) as waits,
+        grpc.insecure_channel(f"unix:{config.socket}") as channel,
+    ):
+        waits.hold()  # what gRPC carries the gate cannot see
         stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
         token = metadata(config.tokens[RUNNER])
         try:

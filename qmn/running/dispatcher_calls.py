@@ -6,6 +6,7 @@ from typing import Any
 
 import grpc
 
+from programs.network_waits import NetworkWaits
 from qmn.timeouts import DISPATCHER_TIMEOUT_S
 from topologies.networks.network import Network
 from topologies.system.processes.programs import NetworkError
@@ -28,7 +29,11 @@ def _asking(network: Network) -> Iterator[tuple[Any, dict[str, Any]]]:
     """Yield a stub and the options of a call; raise NetworkError if it is not answered."""
     runtime = network.runtime
     options = {"timeout": DISPATCHER_TIMEOUT_S, "metadata": metadata(runtime.token(RUNNER))}
-    with grpc.insecure_channel(f"unix:{runtime.socket(DISPATCHER)}") as channel:
+    with (
+        NetworkWaits(runtime.time) as waits,
+        grpc.insecure_channel(f"unix:{runtime.socket(DISPATCHER)}") as channel,
+    ):
+        waits.hold()  # what gRPC carries the gate cannot see
         try:
             yield DispatcherStub(channel), options  # type: ignore[no-untyped-call]
         except grpc.RpcError as error:

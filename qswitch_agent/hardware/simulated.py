@@ -28,7 +28,7 @@ from wire import dispatcher_service
 from wire.dispatcher_pb2 import CrossConnectOutcome, CrossConnectRequest
 from wire.dispatcher_service import cross_connects_socket
 from wire.malformed import MalformedPacket
-from wire.network_time import REAL_TIME, NetworkTime
+from wire.network_time import REAL_TIME, LinkCounts, NetworkTime
 
 
 class DispatcherLink:
@@ -98,6 +98,7 @@ class SimulatedSwitch:
         self, switch: str, socket: str, token: str, network_time: NetworkTime = REAL_TIME
     ) -> None:
         self._time = network_time
+        self._asked = LinkCounts(network_time)
         self._switch = switch
         self._socket = socket
         self._metadata = dispatcher_service.metadata(token)
@@ -201,10 +202,13 @@ class SimulatedSwitch:
         await self._channel.close(None)
 
     async def _answer(self, call: Awaitable[Reply]) -> Reply:
+        self._asked.sent()
         try:
             return await call
         except grpc.aio.AioRpcError as error:
             raise self._meaning(error.code(), error.details()) from error
+        finally:
+            self._asked.answered()
 
     async def _wait_until(self, ready_ns: int) -> None:
         remaining_s = (ready_ns - self._time.now_ns()) / 1e9

@@ -117,6 +117,21 @@ def test_the_clock_stands_while_a_process_runs(gate: Stepping) -> None:
         soon(client)
 
 
+def test_the_clock_goes_on_while_a_thread_of_grpc_runs(gate: Stepping) -> None:
+    named = "open('/proc/self/comm', 'w').write('event_engine'); print(flush=True)"
+    command = [sys.executable, "-c", f"{named}\nwhile True: pass"]
+    with (
+        GateClientOf(gate) as client,
+        subprocess.Popen(command, stdout=subprocess.PIPE) as carrier,
+    ):
+        assert carrier.stdout is not None
+        carrier.stdout.readline()
+        gate.watch(carrier.pid)
+        client.wait_for(SINCE_NS + 1)
+        soon(client)
+        carrier.kill()
+
+
 def test_the_clock_stands_while_a_message_is_under_way(gate: Stepping) -> None:
     near = LinkCounts(SteppedTime(1.0, SINCE_NS, gate.time.folder, slot=7))
     far = LinkCounts(gate.time, far_slot=7)
@@ -127,10 +142,11 @@ def test_the_clock_stands_while_a_message_is_under_way(gate: Stepping) -> None:
             assert stands(gate.time)
             taker.taken()
             soon(client)
-        near.sent()
-        far.ended()
-        client.wait_for(gate.time.now_ns() + 1)
-        soon(client)
+        for take in (far.ended, near.answered):
+            near.sent()
+            take()
+            client.wait_for(gate.time.now_ns() + 1)
+            soon(client)
 
 
 def test_the_clock_goes_with_the_wall_while_a_program_asks_for_it(gate: Stepping) -> None:
@@ -166,6 +182,9 @@ def test_the_clock_does_not_leap_for_the_background(gate: Stepping) -> None:
     assert stands(gate.time)
     client.wait_for(SINCE_NS + 10)
     soon(client)
+    assert not select.select([polling], [], [], 0.05)[0]  # the network is not ready
+    gate.time.begin()
+    client.wait_for(SINCE_NS + 10)
     soon(polling)  # once the clock has passed it
     assert gate.time.now_ns() == SINCE_NS + 10
     polling.wait_for(NEVER, SINCE_NS + 15)
