@@ -136,10 +136,6 @@ class KeywordReader(OptionReader):
         return _value(option, given)
 
 
-def option_names(options: "DataclassInstance") -> list[str]:
-    return [each.name for each in fields(options) if "help" in declared(each)]
-
-
 def check_ranges(options: "DataclassInstance") -> None:
     """Raise BadInput for a number outside the range that is declared with it."""
     for each in fields(options):

@@ -6,7 +6,7 @@ and 3.5.
 
 from collections.abc import Sequence
 from itertools import product
-from math import exp, factorial, prod
+from math import factorial, prod
 
 MOST_STEPS, CLOSE = 10_000, 1e-12  # until a fixed point is found
 
@@ -36,11 +36,6 @@ def erlang_c(load: float, channels: int) -> float:
 def mean_wait(load: float, channels: int, holding_s: float) -> float:
     """Return how long (s) an arrival waits on average, those that do not wait included."""
     return erlang_c(load, channels) * holding_s / (channels - load)
-
-
-def waits_longer(load: float, channels: int, holding_s: float, time_s: float) -> float:
-    """Return the share of the arrivals that wait longer than a time."""
-    return erlang_c(load, channels) * exp(-(channels - load) * time_s / holding_s)
 
 
 def kaufman_roberts(loads: Sequence[float], needs: Sequence[int], channels: int) -> list[float]:

@@ -10,7 +10,7 @@ from statistics import fmean
 import numpy as np
 import pytest
 
-from evidence.traffic.erlang import erlang_b, erlang_c, mean_wait, waits_longer
+from evidence.traffic.erlang import erlang_b, erlang_c, mean_wait
 from evidence.traffic.job import checked
 from evidence.traffic.plan import BadTraffic, Planned, Traffic, plan
 from evidence.traffic.request import LoadRequest
@@ -135,7 +135,6 @@ def test_erlang_s_formulas_are_what_the_balance_equations_give(load: float, chan
     assert erlang_c(load, channels) == pytest.approx(chain[channels:].sum())
     waiting = sum(n * share for n, share in enumerate(chain[channels:]))
     assert mean_wait(load, channels, 0.2) == pytest.approx(waiting / load * 0.2)  # Little
-    assert waits_longer(load, channels, 0.2, 0.0) == erlang_c(load, channels)
 
 
 def test_erlang_b_is_that_of_the_tables() -> None:

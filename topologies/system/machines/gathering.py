@@ -20,7 +20,6 @@ from topologies.timeouts import AGENT_CONNECT_TIMEOUT_S, AGENT_END_TIMEOUT_S, PO
 from wire.machine_channel import receive
 
 COPPER_MTU = 1500
-LEAST_MTU = 576
 KEY_LOG = "machines.keys"  # file in the folder of the run
 
 # Begins the agent of a name, by the runner's address, its authority's certificate, and the

@@ -16,7 +16,7 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 
-LEAST, MOST_WHOLE = 1e-6, 0.2
+LEAST = 1e-6
 
 
 def tapped_error(whole: float, fraction: float) -> float:
