@@ -20,6 +20,7 @@ from dispatcher.sabot.simulation import Simulation
 from wire.dispatcher_pb2 import BlockId, Event, Feedback, HeldBlock
 from wire.network_time import REAL_TIME, NetworkTime
 
+FIRST_PHOTONS = 20  # that an event of the first block describes one by one
 NEWS = ("measure", "bell-measure")  # of which a host may have to hear before it goes on
 
 
@@ -68,6 +69,8 @@ class PhysicalLayer:
             event.block.CopyFrom(block_id(block.name))
             event.photons = block.register.size
             event.lost = block.register.size - block.register.remaining
+            if each is not None and block.name.number == 0:
+                event.first.extend(map(each, range(min(FIRST_PHOTONS, block.register.size))))
         self.history.record(event)
         if block is not None and (limit := self.history.photons_wanted):
             self.history.record_photons(_photons(event, block, limit, each))
@@ -164,6 +167,7 @@ def _photons(
     for position, present in enumerate(block.register.present[:limit].tolist()):
         photon = Event()
         photon.CopyFrom(event)
+        del photon.first[:]
         photon.photon, photon.photons, photon.lost = position + 1, 1, int(not present)
         photon.detail = each(position) if each is not None else ""
         events.append(photon)

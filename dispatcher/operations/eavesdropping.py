@@ -32,7 +32,7 @@ from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import Block, BlockName, ExtraPairs, Pulses
 from dispatcher.operations import emission, imperfections
 from dispatcher.operations.gathering import require_places
-from dispatcher.operations.measurements import clicks, listed, outcome, train
+from dispatcher.operations.measurements import basis_and_outcome, clicks, listed, train
 from dispatcher.refusal import Refusal, exhausted, invalid
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.limits import packed
@@ -165,7 +165,7 @@ class Resending:
         self._replace(block, fresh, again, values << np.uint8(1) | bits_left & np.uint8(1))
         incidents = detection.incidents() | ({"misread": wrong} if wrong else {})
         detail = f"{tally(values, BASES)}: {tally(reported, ('0', '1'))}{listed(incidents)}"
-        layer.record(node, "resend", block, detail=detail, each=partial(_each, chosen, reported))
+        layer.record(node, "resend", block, detail=detail, each=partial(_each, values, reported))
         feedback = layer.feedback(block)
         feedback.clicks, feedback.outcomes = detection.clicks, reported.tobytes()
         seconds = layer.devices.of(node).gates.readout_s if block.kept else 0.0
@@ -228,8 +228,9 @@ def _bases(bases: bytes, size: int) -> Bytes:
     return values
 
 
-def _each(chosen: Mask, outcomes: Bytes, position: int) -> str:
-    return outcome(outcomes, ("0", "1"), position) if chosen[position] else "left alone"
+def _each(bases: Bytes, outcomes: Bytes, position: int) -> str:
+    left_alone = bases[position] == ALONE
+    return "left alone" if left_alone else basis_and_outcome(bases, outcomes, position)
 
 
 def _renew(light: Pulses, members: Mask) -> None:

@@ -64,7 +64,7 @@ class Measurements:
         outcomes = device_noise.reported(outcomes, effect)
         incidents = detection.incidents() | ({"misread": wrong} if wrong else {})
         detail = f"{tally(values, BASES)}: {tally(outcomes, ('0', '1'))}" + listed(incidents)
-        each = partial(outcome, outcomes, ("0", "1"))
+        each = partial(basis_and_outcome, values, outcomes)
         layer.record(node, "measure", block, detail=detail, each=each)
         feedback.clicks = detection.clicks
         _tell_bits(feedback, outcomes, request.packed)
@@ -282,6 +282,11 @@ def _packed_mask(mask: Mask) -> bytes:
 def outcome(outcomes: Bytes, names: tuple[str, ...], position: int) -> str:
     outcome = int(outcomes[position])
     return "no click" if outcome == NO_CLICK else names[outcome]
+
+
+def basis_and_outcome(bases: Bytes, outcomes: Bytes, position: int) -> str:
+    """Return in which basis one photon was measured, and the outcome."""
+    return f"{BASES[bases[position]]} {outcome(outcomes, ('0', '1'), position)}"
 
 
 def train(block: Block) -> Train:

@@ -3,7 +3,7 @@
 import json
 import re
 import subprocess
-from itertools import product
+from itertools import pairwise, product
 from math import exp, sqrt
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,8 @@ from evidence.curves.relay_theory import diagonal, rectilinear
 from hosts.stack_socket import QuantumSocketError
 from topologies.networks.network import Network
 from views.dissection.scapy_keys import QKey, key_messages
+from views.report.first_photons import first_steps
+from views.report.run_facts import read_run
 from wire.qkd import Confirm, Proposal
 
 # That two correlated outcomes have passed together.
@@ -207,7 +209,6 @@ def test_heralded_photons_come_as_their_pairs_and_unlike_detectors_tell_fewer_on
     assert told["qber"] == 0
 
 
-@pytest.mark.nightly
 def test_if_eve_measures_everything_the_key_is_refused(tmp_path: Path) -> None:
     keys = tmp_path / "keys"
     done, result = run_qkd(tmp_path, "--eve", "1", "--count", "20000", "--keys", str(keys))
@@ -215,6 +216,13 @@ def test_if_eve_measures_everything_the_key_is_refused(tmp_path: Path) -> None:
     assert "at most 0.1000 is allowed: noise or an eavesdropper" in done.stderr
     assert result["job"]["asking"]["qber"] > 0.2
     assert result["job"]["eve"]["measured"] == result["job"]["eve"]["photons"] > 0
+    first = first_steps(read_run(tmp_path / "latest").events, ("alice", "bob"))
+    assert [step.text for step in first] == ["alice sends", "eve reads", "bob measures"]
+    for before, after in pairwise(first):  # equal bases give equal bits, others any
+        photons = [*zip(before.bases, before.bits, after.bases, after.bits, strict=True)]
+        assert len(photons) == 20
+        assert all(bit == seen for basis, bit, other, seen in photons if basis == other)
+    assert len({bit for step in first for bit in step.bits}) == 2
     assert [path for path in keys.rglob("*") if path.is_file()] == []
 
 

@@ -21,6 +21,7 @@ from views.report.drawing import (
 )
 from views.report.light_paths import LightPath
 
+KEY_STEPS_INCHES = 1.1
 MAX_BINS = 60
 MAX_RATIO = 50  # of counts on one scale
 SYMBOLS = {3: "012", 4: ("00", "01", "10", "11")}  # three states carry no whole bits
@@ -103,6 +104,45 @@ def confusion(counts: NDArray[np.int64], states: int) -> str:
     axes.set_xlabel("symbol received")
     axes.set_ylabel("symbol sent")
     return drawing.svg(made, "symbols sent and received")
+
+
+@drawing.styled
+def key_steps(counts: Mapping[str, int]) -> str:
+    """Draw how much each step of key distribution leaves, on a logarithmic scale."""
+    made, axes = drawing.figure(*SMALL_INCHES, left=KEY_STEPS_INCHES)
+    places = range(len(counts))
+    axes.barh(places, [*counts.values()], color=QUANTUM, height=0.6, alpha=0.6)
+    for place, count in zip(places, counts.values(), strict=True):
+        axes.annotate(
+            f"{count:,}", (max(count, 1), place), (3, 0), textcoords="offset points", va="center"
+        )
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter(EngFormatter())
+    axes.minorticks_off()
+    axes.set_xlim(1, 30 * max(counts.values()))
+    axes.set_yticks(places, [*counts])
+    axes.invert_yaxis()
+    axes.grid(visible=False, axis="y")
+    axes.set_xlabel("photons, then bits")
+    return drawing.svg(made, "how much each step of key distribution leaves")
+
+
+@drawing.styled
+def error_rate(qber: float, low: float, high: float, most: float) -> str:
+    """Draw an error rate with its interval, and the rate above which there is no key."""
+    made, axes = drawing.figure(*SMALL_INCHES)
+    colour = BAD if qber > most else QUANTUM
+    error = [[100 * (qber - low)], [100 * (high - qber)]]
+    axes.errorbar([0], [100 * qber], error, fmt="o", color=colour, capsize=6, markersize=7)
+    axes.annotate(f"{100 * qber:.3g} %", (0, 100 * qber), (12, 0), textcoords="offset points")
+    axes.axhline(100 * most, color=MUTED, linestyle="--", linewidth=1.2)
+    axes.annotate(f"no key above {100 * most:g} %", (-0.95, 100 * most), (0, 4),
+                  textcoords="offset points", color=MUTED)  # fmt: skip
+    axes.set_xlim(-1, 1)
+    axes.set_ylim(-1, max(30.0, 110 * high))
+    axes.set_xticks([])
+    axes.set_ylabel("error rate, QBER (%)")
+    return drawing.svg(made, "error rate and its threshold")
 
 
 @drawing.styled

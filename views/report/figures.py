@@ -3,6 +3,8 @@
 from collections.abc import Iterator, Sequence
 from html import escape
 
+from hosts.middleware.services.key_distribution.options import KeyOptions
+from qmn.requests.service import ServiceRequest
 from qmn.results.fiber_use import fiber_use
 from qmn.results.timeline import TIMELINE
 from views.report import charts, error_counts
@@ -18,7 +20,7 @@ from views.report.run_facts import RunFacts
 from views.report.sequence import handshake, lanes
 from views.report.waits_diagram import MOST_HOSTS, waits_diagram
 from wire.metadata.vocabulary import SYMBOLS
-from wire.results.figures import SentFigures
+from wire.results.figures import KeyFigures, SentFigures
 from wire.results.run_result import KeysJob, LoadJob
 from wire.results.time_series import KeyMoment
 
@@ -135,6 +137,30 @@ def key_figure(job: KeysJob) -> str:
     return figure("Keys over time", key_timeline(moments), text, "wide")
 
 
+def key_distribution_figures(run: RunFacts) -> Iterator[str]:
+    """Yield what a session of key distribution found; nothing for other runs."""
+    keys, request = run.result.asking, run.result.parameters
+    if not (isinstance(keys, KeyFigures) and isinstance(request, ServiceRequest)):
+        return
+    options = request.options
+    estimate = [rate for rate in (keys.qber, keys.qber_low, keys.qber_high) if rate is not None]
+    if isinstance(options, KeyOptions) and len(estimate) == 3:
+        drawn = charts.error_rate(*estimate, most=options.max_qber)
+        text = "Of the disclosed bits, with its interval of 95 %. An eavesdropper who measures and "
+        text += "resends all photons causes 25 %."
+        yield figure("Error rate", drawn, text)
+    if keys.photons:
+        steps = {
+            "photons": keys.photons,
+            "detected": keys.raw_bits,
+            "sifted": keys.sifted_bits,
+            "secret key": keys.key_bits,
+        }
+        text = "Sifting keeps bits measured in the same basis; error correction and privacy "
+        text += "amplification shorten them."
+        yield figure("From photons to key", charts.key_steps(steps), text)
+
+
 def chart_figures(run: RunFacts, paths: Sequence[LightPath]) -> Iterator[str]:
     """Yield the charts; those of symbols for superdense coding alone."""
     if run.result.message is not None:
@@ -143,8 +169,10 @@ def chart_figures(run: RunFacts, paths: Sequence[LightPath]) -> Iterator[str]:
         sent = run.result.asking
         bell_states = sent.symbols if isinstance(sent, SentFigures) else 0
         yield _confusion(run, bell_states if bell_states in SYMBOLS else max(SYMBOLS))
-    yield _losses(run, paths)
-    yield _setup_times(run)
+    if not paths or any(path.loss_db for path in paths):
+        yield _losses(run, paths)
+    if len(run.setup_ms) != 1:
+        yield _setup_times(run)
 
 
 def _rate(run: RunFacts) -> str:

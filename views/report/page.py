@@ -15,6 +15,7 @@ from qmn.results.run_folder import REPORT
 from qmn.results.run_result import RunResult
 from qmn.results.service_result import number_text
 from views.report import figures
+from views.report.first_photons import first_photons
 from views.report.light_paths import fiber_name, light_paths, photons_by_port
 from views.report.markup import table
 from views.report.run_facts import RunFacts, read_run
@@ -22,6 +23,37 @@ from wire.device import OF_LIGHT, setting_name
 from wire.results.figures import Figures, KeyFigures, SentFigures
 from wire.results.run_result import KeysJob, LoadJob
 
+TITLES = {
+    "sdc": "Superdense coding",
+    "teleport": "Teleportation",
+    "distribute": "Entanglement distribution",
+    "swap": "Entanglement swapping",
+    "ghz": "GHZ states",
+    "graph": "Graph states",
+    "conference": "Conference keys",
+    "sense": "Distributed sensing",
+    "bb84": "BB84",
+    "bbm92": "BBM92",
+    "e91": "E91",
+    "mdi": "MDI-QKD",
+    "seal": "Tamper seal",
+    "load": "Heavy traffic",
+    "keys": "Key managers",
+    "vpn": "VPN",
+    "netqasm": "NetQASM",
+}
+# Figures that the page begins with; the table below them has all.
+MAIN = frozenset(
+    {
+        *("accepted", "alarm", "blocked", "carried_erlang", "error_rate", "fidelity"),
+        *("fidelity_at_least", "fidelity_error", "fidelity_high", "fidelity_low", "file_intact"),
+        *("hosts", "key_bits", "key_bits_per_s", "keys", "keys_per_s", "keys_used", "mean_rad"),
+        *("pairs", "pairs_per_s", "photons", "qber", "qber_highest", "qber_x", "score"),
+        *("sessions", "setup_p50_s", "sifted_bits", "states", "states_per_s", "sum_error_rad"),
+        *("sum_rad", "visibility", "waited_ms"),
+    }
+)
+UNITS = {"_per_s": "/s", "_s": " (s)", "_ms": " (ms)", "_rad": " (rad)"}
 MOST_FIBERS = 24  # whose table is seen at once
 LAST_COUNTS = "Counts are the sender's; figures may include later events."
 # Of a page that has no script: a run may be another person's.
@@ -43,15 +75,17 @@ def write_report(folder: Path) -> Path:
 
 
 def page(run: RunFacts) -> str:
-    name = escape(run.folder.name)
+    name, result = escape(run.folder.name), run.result
+    title = escape(f"{TITLES.get(result.service, result.service)}: {', '.join(result.hosts)}")
     return "\n".join(
         [
             '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">',
             f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">',
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             '<meta name="color-scheme" content="light dark"><link rel="icon" href="data:,">',
-            f"<title>{name} · qmn</title><style>{STYLE.read_text()}</style></head><body>",
-            f"<header><h1>{name}</h1>{_outcome(run)}</header><main>",
+            f"<title>{title} · qmn</title><style>{STYLE.read_text()}</style></head><body>",
+            f"<header><h1>{title}</h1><p>{name}, seed {result.seed}</p>{_outcome(run)}</header>",
+            "<main>",
             *_sections(run),
             "</main></body></html>\n",
         ]
@@ -64,7 +98,6 @@ def _outcome(run: RunFacts) -> str:
     if result.message is not None:
         numbers["bytes of message"] = f"{result.message.bytes:,}"
     kind = "good" if done else "failed"
-    numbers["seed"] = f"{result.seed}"
     tiles = "".join(
         f"<div><b>{escape(value)}</b><span>{escape(name)}</span></div>"
         for name, value in numbers.items()
@@ -72,7 +105,14 @@ def _outcome(run: RunFacts) -> str:
     reason = result.error if result.error and result.error not in verdict else ""
     error = f"<p>{escape(reason)}</p>" if reason else ""
     note = "" if done else f"<p>{LAST_COUNTS}</p>"
-    return f'<p class="{kind}">{escape(verdict)}</p>{error}<div class="tiles">{tiles}</div>{note}'
+    below = f'<div class="tiles">{tiles}</div>{_every_figure(result.asking)}{note}'
+    return f'<p class="{kind}">{escape(verdict)}</p>{error}{below}'
+
+
+def _every_figure(figures: Figures) -> str:
+    rows = [[_label(name), _cell(value)] for name, value in vars(figures).items()]
+    made = table(["figure", "value"], rows, "parameters")
+    return f"<details><summary>All figures</summary>{made}</details>" if rows else ""
 
 
 def _verdict(result: RunResult) -> str:
@@ -97,12 +137,24 @@ def _numbers(figures: Figures) -> dict[str, str]:
             "lost pairs": f"{figures.lost_pairs:,}",
             "symbol error rate": "–" if rate is None else f"{rate:.3g}",  # noqa: RUF001
         }
-    numbers = {name: value for name, value in vars(figures).items() if not isinstance(value, str)}
-    return {name.replace("_", " "): number_text(value) for name, value in numbers.items()}
+    numbers = {name: value for name, value in vars(figures).items() if name in MAIN}
+    return {_label(name): number_text(value) for name, value in numbers.items()}
+
+
+def _label(name: str) -> str:
+    for suffix, unit in UNITS.items():
+        if name.endswith(suffix):
+            name = name.removesuffix(suffix) + unit
+            break
+    return name.replace("_", " ").replace("qber", "QBER")
 
 
 def _sections(run: RunFacts) -> Iterator[str]:
     paths = light_paths(run.network, run.events)
+    keys = [*figures.key_distribution_figures(run)]
+    if keys:
+        yield '<div class="charts">' + "".join(keys) + "</div>"
+        yield first_photons(run.events, (run.result.hosts[0], run.result.hosts[-1]))
     yield figures.network(run, paths)
     if isinstance(run.result.job, LoadJob):
         yield figures.load_figure(run, run.result.job)

@@ -228,11 +228,11 @@ def test_the_first_photons_of_a_block_have_events_of_their_own_where_asked(tmp_p
     events = uvloop.run(asyncio.wait_for(run(), 20))
     photons = [event for event in events if event.kind == "measure" and event.photon]
     assert [event.photon for event in photons] == list(range(1, 9))
-    assert [event.detail for event in photons] == ["1", "0", "1", "0", "0", "0", "0", "1"]
+    assert [event.detail for event in photons] == [f"Z {bit}" for bit in "10100001"]
     assert [e.detail for e in events if e.kind == "apply"][1:4] == ["X", "I", "X"]
     lines = log.read_text().splitlines()
     assert len(lines) == 2 + 3 * (1 + 3)
-    assert lines[-1].endswith("photon=3 photons=1 1")
+    assert lines[-1].endswith("photon=3 photons=1 Z 1")
 
 
 def test_nobody_asked_means_no_event_of_a_photon(tmp_path: Path) -> None:

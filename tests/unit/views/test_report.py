@@ -7,6 +7,7 @@ from argparse import Namespace
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, cast
+from urllib.parse import unquote
 
 import pytest
 from recorded_run import ALICE, BOB, MS, NETWORK, SETUP, capture, record_run, run_of, segment
@@ -14,11 +15,13 @@ from recorded_run import ALICE, BOB, MS, NETWORK, SETUP, capture, record_run, ru
 from views.report import report_file
 from views.report.error_counts import reported
 from views.report.figures import _losses
+from views.report.first_photons import first_photons
 from views.report.light_paths import Hop, LightPath, light_paths
 from views.report.page import _fibers, _verdict
 from views.report.report_file import NoReport, made_report, report_of_run
 from views.report.run_facts import read_run
 from views.verbs import report
+from wire.dispatcher_pb2 import BlockId, Event
 from wire.metadata.blocks import Block, Emit, Frame, Report
 from wire.results.figures import KeyFigures
 from wire.results.run_result import ServiceJob
@@ -121,6 +124,28 @@ def test_a_run_without_a_key_says_why(qber: float | None, error: str | None, ver
     result = run_of("bb84", ServiceJob(asking=figures_of_keys), time_scale=1.0)
     result.error = error
     assert _verdict(result) == verdict
+
+
+def test_first_photons_are_kept_where_bases_agree_and_hostile_names_are_no_markup() -> None:
+    """By hand: of six photons three have one basis at both ends, one of them with an error."""
+    states = ["|0>", "|1>", "|+>", "|->", "|0>", "|+>"]
+    seen = ["Z 0", "X 1", "X 1", "X 1", "Z no click", "<b> 0"]
+    events = [
+        Event(node="<i>", kind="create", block=BlockId(session=7), first=states),
+        Event(node="bob", kind="measure", block=BlockId(session=8), first=seen[::-1]),
+        Event(node="bob", kind="measure", block=BlockId(session=7), first=seen),
+    ]
+    shown = first_photons(events, ("<i>", "bob"))
+    kept = re.findall("<td>(.*?)</td>", shown)[-6:]
+    assert kept == ["yes", "", "wrong", "yes", "", ""]
+    assert "<i>" not in shown
+    assert "<b>" not in shown
+    rows = unquote(shown.split("data:text/csv,")[1].split('"')[0]).splitlines()
+    assert rows[:2] == [
+        "photon,<i> sends: basis,<i> sends: bit,bob measures: basis,bob measures: bit,kept",
+        "1,Z,0,Z,0,yes",
+    ]
+    assert first_photons(events[:1], ("<i>", "bob")) == ""
 
 
 def test_what_was_not_recorded_is_said_and_not_drawn(tmp_path: Path) -> None:
