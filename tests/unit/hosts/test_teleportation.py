@@ -55,7 +55,7 @@ def test_a_rotation_that_no_path_has_is_undone_all_the_same(tmp_path: Path, rota
 
 
 def failure(folder: Path, physics: dict[str, Any], **options: Any) -> tuple[str, str]:
-    """Run a session that must fail; return what alice and bob are told."""
+    """Run a session that must fail; return the results of alice and bob."""
 
     def asked() -> tuple[str, str]:
         with ThreadPoolExecutor(1) as pool, ServiceSocket(folder / "alice.sock") as asking:
@@ -124,9 +124,10 @@ def test_waiting_in_memory_for_the_bits_costs_fidelity(
 ) -> None:
     physics = {"devices": {"bob": Device(memory=memory)}, "backend": backend}
     block: dict[str, Any] = {"count": COUNT, "block_pairs": COUNT}  # so that all wait equally long
+    began_s = time.monotonic()
     _alice, bob = ask(tmp_path, "teleport", physics=physics, state=state, **block)
     waited_s = bob["waited_ms"] / 1000
-    assert 0 < waited_s < 1
+    assert 0 < waited_s < time.monotonic() - began_s
     fidelity = 1 / 2 + (2 * exp(-waited_s / memory.t2_s) + exp(-waited_s / memory.t1_s)) / 6
     assert bob["fidelity"] < 0.995
     assert abs(bob["fidelity"] - fidelity) < 5 * sqrt(fidelity * (1 - fidelity) / COUNT)

@@ -4,6 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import forked_python
 import pytest
 from limits import SOON_S
 
@@ -17,6 +18,12 @@ with Signals() as signals:
     {CTRL_C}
     signals.check()
 """
+
+
+def forked(file: Path, text: str) -> subprocess.CompletedProcess[str]:
+    """Run a script of this text."""
+    file.write_text(text)
+    return forked_python.run([sys.executable, "-m", MODULE, str(file)], SOON_S, cwd=ROOT)
 
 
 def run(file: Path, text: str, *words: str) -> subprocess.CompletedProcess[str]:
@@ -42,7 +49,7 @@ def run(file: Path, text: str, *words: str) -> subprocess.CompletedProcess[str]:
 )
 def test_an_interrupted_script_ends_in_one_line(tmp_path: Path, text: str, words: str) -> None:
     """Its status is that of a program that SIGINT, number 2, has ended: 128 + 2 (POSIX sh)."""
-    done = run(tmp_path / "mine.py", text)
+    done = forked(tmp_path / "mine.py", text)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", words)
 
 
