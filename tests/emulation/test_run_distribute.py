@@ -57,10 +57,3 @@ def set_ups(captures: list[str]) -> Iterator[Setup]:
                 assert isinstance(setup, Setup)
                 if setup.service == Service.DISTRIBUTE:
                     yield setup
-
-
-def test_what_cannot_be_is_refused_before_a_network_starts(tmp_path: Path) -> None:
-    done = run(tmp_path, "--fidelity", "2")
-    assert done.returncode == 1
-    assert "fidelity 2.0: choose 0 to 1" in done.stderr
-    assert not list(tmp_path.iterdir())

@@ -1,7 +1,9 @@
 """Certificates of a run, as a verifier that is not ours judges them, by the rules of browsers."""
 
 import ipaddress
+import shutil
 import stat
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -92,3 +94,49 @@ def test_a_given_certificate_that_is_over_or_not_yet_valid_is_refused(
     path.write_bytes(dated.public_bytes(serialization.Encoding.PEM))
     with pytest.raises(NetworkError, match=r"/bob\.pem holds from .* to .* UTC, not now"):
         given_ones.issue("bob")
+
+
+def lost(folder: Path) -> None:
+    (folder / "bob.key").unlink()
+
+
+def anothers_key(folder: Path) -> None:
+    shutil.copy(folder / "alice.key", folder / "bob.key")
+
+
+def anothers_certificate(folder: Path) -> None:
+    for end in ("pem", "key"):
+        shutil.copy(folder / f"alice.{end}", folder / f"bob.{end}")
+
+
+def of_another_authority(folder: Path) -> None:
+    files = CertificateAuthority(folder / "other", "theirs").issue("bob")
+    shutil.copy(files.certificate, folder)
+    shutil.copy(files.private_key, folder)
+
+
+def no_certificate(folder: Path) -> None:
+    (folder / "bob.pem").write_text("what is this?")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "text"),
+    [
+        (lost, r"cannot read .*/bob\.key: No such file"),
+        (anothers_key, r"/bob\.key is not the key of .*/bob\.pem"),
+        (anothers_certificate, r"/bob\.pem does not name 'bob'"),
+        (of_another_authority, r"/bob\.pem is not signed by .*/ca\.pem"),
+        (no_certificate, r"/bob\.pem is not a certificate as PEM"),
+    ],
+)
+def test_a_given_certificate_that_is_missing_or_wrong_is_named(
+    tmp_path: Path, spoil: Callable[[Path], None], text: str
+) -> None:
+    authority = CertificateAuthority(tmp_path / "made", "ours")
+    for name in ("alice", "bob"):
+        authority.issue(name)
+    given_ones = GivenCertificates(tmp_path / "taken", tmp_path / "made")
+    given_ones.check("bob")
+    spoil(tmp_path / "made")
+    with pytest.raises(NetworkError, match=text):
+        given_ones.check("bob")
