@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 from fabric_scene import NOISE, STANDING, TurningRingTopo, light_paths, started
 from fabric_scene import running as running_here
+from key_scene import keep_keys
 from limits import SOON_S
 from limits import wait_until as wait_until
 from loaded import forks, run_qmn, serving
@@ -40,7 +41,7 @@ TSHARK = [
     *("--inh-caps=+dac_override", "--ambient-caps=+dac_override"),
     *("env", "HOME=/nonexistent", "tshark"),
 ]
-# What tests share, by the fixture that gives it; tests of each are next to each other.
+# Networks that tests share, by fixture; tests of one are next to each other.
 STANDS: dict[str, tuple[Callable[[], Topo], dict[str, Any]]] = {
     "shared_network": (SdcTopo, {}),
     "noisy_network": (partial(SdcTopo, depolarizing=NOISE), {}),
@@ -48,11 +49,14 @@ STANDS: dict[str, tuple[Callable[[], Topo], dict[str, Any]]] = {
     "chain_network": (partial(RepeatersTopo, repeaters=2), {}),
     "queueing_network": (SdcTopo, {"contention": "queue"}),
     "netqasm_network": (TappedTopo, {"looking": True}),
+    "keys_network": (SdcTopo, {"contention": "queue", "rest": "127.0.0.1:8181"}),
 }
+# Further steps of the start of such a network.
+BEGINNING: dict[str, Callable[[Network], None]] = {"keys_network": keep_keys}
 # Fixtures of another machine, and of a switch without a network, which are shared, too.
 SECOND, SWITCH = "second", "switch"
 POLICY = "policy.toml"
-# What all programs that these tests start inherit, and no other program on this machine has.
+# The environment of all programs that these tests start, and of no other on this machine.
 MARK = ("QMN_TESTS", secrets.token_hex(8))
 os.environ.update([MARK])
 
@@ -106,7 +110,7 @@ def verb(*words: str) -> subprocess.CompletedProcess[str]:
 
 
 def qmn_words(runs: Path, report: bool = False) -> list[str]:
-    """Return what is said to the command; the last word names the folder for runs."""
+    """Return the arguments of the command; the last word names the folder for runs."""
     return ["run", "sdc", *([] if report else ["--without", "report"]), "--runs", str(runs)]
 
 
@@ -122,8 +126,8 @@ def interfaces() -> set[str]:
 def our_processes() -> set[str]:
     """Return id and command line of all programs that these tests have started and that run now.
 
-    Wherever they are: on their own, in a network namespace. What has loaded programs
-    for all tests is none of them.
+    Wherever they are: on their own, in a network namespace. The loader of programs for all tests is
+    none of them.
     """
     found = set()
     for folder in Path("/proc").iterdir():
@@ -214,6 +218,8 @@ def standing(name: str, folder: Path) -> Iterator[Network]:
         policy = Path(own, POLICY)
         policy.touch()
         with started(topo, Path(own), policy=str(policy), **settings) as network:
+            if name in BEGINNING:
+                BEGINNING[name](network)
             yield network
 
 
@@ -274,6 +280,7 @@ def sharing(name: str) -> Callable[..., Iterator[Network]]:
     chain_network,
     queueing_network,
     netqasm_network,
+    keys_network,
 ) = map(sharing, STANDS)
 
 

@@ -26,7 +26,7 @@ T = TypeVar("T")
 
 
 class Standing:
-    """What stands for all tests that share it, by its name: in a process there is one at a time."""
+    """A network that all tests share, by its name: in a process there is one at a time."""
 
     def __init__(self) -> None:
         self._stack = ExitStack()
@@ -153,7 +153,7 @@ class Session:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """What the session has used so far."""
+        """The use of the session so far."""
         return self._session.summary
 
     def start(self, data: bytes) -> None:
@@ -166,7 +166,7 @@ class Session:
         return not self._sending.done()
 
     def finish(self, size: int) -> bytes:
-        """Receive so many bytes and wait until the sender has sent them all."""
+        """Receive a number of bytes and wait until the sender has sent them all."""
         received = bytearray()
         while len(received) < size:
             received += self._received.get(timeout=TIMEOUT_S)

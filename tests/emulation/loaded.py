@@ -1,6 +1,6 @@
 """Programs that some processes have loaded for all networks of these tests, and fork off.
 
-Else each run would spend most of its processor time on loading them anew. What strikes at programs
+Else each run would spend most of its processor time on loading them again. What strikes at programs
 or signals starts `qmn` itself, as a user does, and so do the examples and the documentation.
 """
 
@@ -61,7 +61,7 @@ class FurtherProgram(Program):
 
 
 class LastingForkServer(ForkServer):
-    """A fork server that is there for all networks."""
+    """A fork server of all networks."""
 
     def __init__(self, program: Program, modules: Sequence[str]) -> None:
         self.program = program
@@ -196,7 +196,7 @@ class Running:
         return self.poll()
 
     def finish(self, timeout_s: float) -> str:
-        """Wait until it has ended; return what it has said since that was read last."""
+        """Wait until it has ended; return its output since the last read."""
         said: list[str] = []
         # Nobody ends who cannot say all that he has to.
         reader = Thread(target=lambda: said.append(self.stdout.read()))

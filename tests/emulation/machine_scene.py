@@ -50,7 +50,7 @@ class SecondMachine:
         return found, links, self.says("ls", "/run")
 
     def require_only(self, before: tuple[list[str], list[str], str]) -> None:
-        """Check that soon nothing is there but what was there before."""
+        """Check that soon nothing has been added."""
         deadline = time.monotonic() + 5
         while (now := self.things()) != before and time.monotonic() < deadline:
             time.sleep(0.02)

@@ -237,12 +237,12 @@ def test_a_netqasm_application_on_two_machines_returns_and_writes_what_it_does_o
     told = run(app / "runs", *words)["job"]["outputs"]
     assert len(told) == 2
     for outputs in told:
-        found = outputs["alice"]["found"]  # of Phi+, whoever of both measures first
+        found = outputs["alice"]["found"]  # of Phi+, in either order of the measurements
         assert outputs == {
             role: {"read": "beside", "found": found, "role": role} for role in ("alice", "bob")
         }
         assert len(found) == 16
-    # What bob's has written beside itself does not come into the application's folder.
+    # Files that bob's program wrote beside itself do not come into the application's folder.
     last, folder = told[1], app / "runs" / "latest" / "netqasm"
     assert (folder / "bob" / "data" / "found.txt").read_text() == f"bob {last['bob']['found']}"
     assert [path.name for path in (folder / "bob").rglob("*") if path.is_file()] == ["found.txt"]
@@ -275,7 +275,7 @@ def main(env=None):
 def test_a_netqmpi_program_finds_on_a_second_machine_what_is_beside_it(
     second: SecondMachine, tmp_path: Path
 ) -> None:
-    """What rank 0 teleports is 1."""
+    """Rank 0 teleports 1."""
     folder = tmp_path / "program"
     folder.mkdir()
     (folder / "send.py").write_text(SEND)

@@ -34,7 +34,7 @@ def test_attacks_succeed_without_their_defence_alone(tmp_path: Path, defended: b
     """Undefended each attempt succeeds, as ARP, learning switches, TCP and LLDP have it.
 
     (RFC 826, 793, IEEE 802.1AB.) A frame may be lost on its way to the controller, or bob may hear
-    alice herself once, or announce his fibres anew meanwhile.
+    alice herself once, or announce his fibres again meanwhile.
     """
     policy = tmp_path / "policy.toml"
     words = str(defended).lower()
@@ -84,7 +84,7 @@ BURST, PAUSE_S = 50, 0.0005  # some 50,000 a second
 def test_a_flood_leaves_others_their_light(tmp_path: Path) -> None:
     """Queues for each port are served in turn (Open vSwitch's ofproto/pinsched.c).
 
-    Without them the first of these sessions is told that nobody answers. The flood has the lowest
+    Without them the first of these sessions hears that nobody answers. The flood has the lowest
     priority: what comes for the controller takes it a fifth of a processor, which it must get.
     """
     with start("tree", tmp_path / "run", hosts=4, switches=1) as network:

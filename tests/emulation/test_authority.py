@@ -1,4 +1,4 @@
-"""Hosts that act beyond their rights in a whole network, and what comes of it."""
+"""Hosts that act beyond their rights in a whole network, and the result."""
 
 import re
 import subprocess
@@ -162,7 +162,7 @@ def test_nothing_passes_that_the_switch_cannot_see_into(shared_network: Network)
 
 
 def take_the_next_number_of_alice(network: Network) -> tuple[Reason, int]:
-    """Let charlie open a session at bob under it; return what he is told, and the number."""
+    """Let charlie open a session at bob under it; return the reply, and the number."""
     before = len(facts(network, "granted"))
     with session(network, "alice", "bob") as opened:
         assert opened.carry(b"first") == b"first"
@@ -263,7 +263,7 @@ def test_nobody_poses_as_a_switch(shared_network: Network) -> None:
 def test_a_host_does_not_act_by_the_page_of_the_command_that_runs_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Who knows its secret and reaches its socket can have done what an operator can."""
+    """With its secret and its socket one has the rights of an operator."""
     pages = Pages(tmp_path / "pages")
     pages.folder.mkdir(mode=0o700)
     monkeypatch.setenv(LIVE_PAGES, str(pages.folder))
@@ -275,7 +275,7 @@ def test_a_host_does_not_act_by_the_page_of_the_command_that_runs_it(
 
 
 def test_earlier_runs_are_hidden_where_there_is_nothing_else(tmp_path: Path) -> None:
-    """What people keep beside their runs, as a script, stays readable on a host."""
+    """Files that people keep beside their runs, as a script, stay readable on a host."""
     runs, mixed, earlier = tmp_path / "runs", tmp_path / "mixed", "20261122T015233-sdc"
     for folder, seen in ((runs, []), (mixed, [earlier, "now", "script.py"])):
         (folder / earlier).mkdir(parents=True)

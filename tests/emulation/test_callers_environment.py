@@ -12,7 +12,7 @@ from limits import SOON_S
 from qmn.results.run_folder import give_tree
 
 QMN = str(ROOT / "bin" / "qmn")
-# What qmn would set: one of them is somebody's own with another value, one with the same.
+# Variables that qmn would set: one of them is somebody's own with another value, one with the same.
 SET_BY_QMN = (ROOT / "topologies" / "environment").read_text()
 NAMES = {line.partition("=")[0] for line in SET_BY_QMN.splitlines() if not line.startswith("#")}
 OWN = {"MALLOC_ARENA_MAX": "3", "OPENBLAS_NUM_THREADS": "1"}

@@ -63,7 +63,7 @@ connection.sendall(bytes(range(256)) * {len(DATA) // 256})
 
 
 class Delay:
-    """Stands between a switch and the controller; keeps barrier replies until told."""
+    """Stands between a switch and the controller; keeps barrier replies until released."""
 
     def __init__(self, controller_port: int) -> None:
         self.listener = socket.create_server(("127.0.0.1", 0))

@@ -28,7 +28,7 @@ def sweep(out: Path, *words: str) -> subprocess.CompletedProcess[str]:
 
 
 def begin(run: Path) -> float:
-    """Return when a program of the network said its only word, ready."""
+    """Return when a program of the network printed its only word, ready."""
     return (run / "fork-server.log").stat().st_mtime
 
 

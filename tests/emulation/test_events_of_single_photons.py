@@ -14,18 +14,18 @@ from limits import SOON_S
 
 from dispatcher.layer.history import WATCHED_PHOTONS
 
-PAIRS = 1_200  # of a block: more than a spy is told of one by one
+PAIRS = 1_200  # of a block: more than a spy sees one by one
 BLOCKS = 1
 WRITTEN_PHOTONS = 5
 MESSAGE = ["--message", "x" * (BLOCKS * PAIRS // 4), "--frame-bytes", str(PAIRS // 4)]
-# Slow enough that the spy is there before bob's part begins.
+# Slow enough that the spy is connected before bob's part begins.
 PACE = ["--block-pairs", str(PAIRS), "--rate-hz", str(PAIRS // 4)]  # four seconds
 SPY = [sys.executable, "-m", "qmn", "spy", "--json"]
 Happening = tuple[object, ...]  # what happened where to which half of a block
 
 
 def photons_of(events: Iterable[dict[str, Any]]) -> dict[Happening, list[int]]:
-    """Return the photons told of each happening to a block, in order; 0 is the block's event."""
+    """Return the photons shown of each event of a block, in order; 0 is the block's event."""
     told: dict[Happening, list[int]] = defaultdict(list)
     for event in (event for event in events if "block" in event):
         names = ("node", "kind", "block", "half", "port")

@@ -7,17 +7,16 @@ import resource
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from conftest import nothing_left, wait_until
 from fabric_scene import running
+from key_scene import CURL, HIGH, LOW, Keys
 from limits import SOON_S
 from scapy.utils import rdpcap
 
-from applications.keys.key_managers import KeyManagers, KeyService, start_key_managers
+from applications.keys.key_managers import KeyService, start_key_managers
 from qmn.results.timeline import merge
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
@@ -25,11 +24,8 @@ from topologies.system.certificates.authority import CertificateFiles
 from topologies.system.confinement.confinement import children
 from topologies.system.processes import shells
 from topologies.system.processes.programs import NetworkError
-from wire.key_manager import KEY_DELIVERY_PORT, KeyLink
+from wire.key_manager import KEY_DELIVERY_PORT
 
-LOW, HIGH = 8, 16
-LINK = KeyLink("", True, low=LOW, high=HIGH, options={"count": 12_000})
-CURL = "curl -sS --cert $SAE_CERT --key $SAE_KEY --cacert $KME_CA"
 PROGRAMS = Path(sys.executable).parent
 # A program of the client library's user; the paths are those that the host's shell knows.
 CLIENT = """
@@ -45,26 +41,6 @@ print(code, *(f"{key.key_id} {key.key}" for key in found.keys))
 """
 
 
-class Scene:
-    """A network whose key managers keep keys of alice and bob; bob has a second application."""
-
-    def __init__(self, network: Network, managers: KeyManagers) -> None:
-        self.network, self.managers = network, managers
-
-    def run(self, host: str, command: str) -> str:
-        return str(self.network.host(host).cmd(command)).replace("\r", "")
-
-    def curl(self, host: str, path: str, words: str = "") -> tuple[int, Any]:
-        """Return status and body of a request of the host's own application."""
-        said = self.run(host, f'{CURL} {words} -w "\\n%{{http_code}}" "$KME/api/v1/keys/{path}"')
-        body, _, status = said.strip().rpartition("\n")
-        return int(status), json.loads(body) if body else None
-
-    def stored(self) -> int:
-        _status, said = self.curl("alice", "sae-bob/status")
-        return int(said["stored_key_count"])
-
-
 def test_key_managers_wait_for_no_stopped_shell_for_ever(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -76,50 +52,41 @@ def test_key_managers_wait_for_no_stopped_shell_for_ever(
             start_key_managers(network, KeyService())
 
 
-@pytest.fixture(scope="module")
-def _scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
-    folder = tmp_path_factory.mktemp("run")
-    with nothing_left(), running(SdcTopo, folder) as network:
-        network.capture("s1")
-        service = KeyService([("alice", "bob")], LINK, {"sae-web": "bob"}, keys_per_s=1000.0)
-        yield Scene(network, start_key_managers(network, service))
-
-
 @pytest.fixture
-def scene(_scene: Scene) -> Scene:
-    """Give the network of the module, its stores filled."""
-    wait_until(lambda: _scene.stored() >= LOW, "keys of alice and bob")
-    _scene.network.check()
-    return _scene
+def keys(keys_network: Network) -> Keys:
+    """Give the hosts of a network that stands, their stores filled."""
+    found = Keys(keys_network)
+    wait_until(lambda: found.stored() >= LOW, "keys of alice and charlie")
+    return found
 
 
-def test_curl_at_both_hosts_gets_the_same_key_once(scene: Scene) -> None:
-    status, got = scene.curl("alice", "sae-bob/enc_keys?size=512")
+def test_curl_at_both_hosts_gets_the_same_key_once(keys: Keys) -> None:
+    status, got = keys.curl("alice", "sae-charlie/enc_keys?size=512")
     assert status == 200, got
     (key,) = got["keys"]
     assert len(base64.b64decode(key["key"], validate=True)) == 64
     path = f"sae-alice/dec_keys?key_ID={key['key_ID']}"
-    assert scene.curl("bob", path) == (200, got)
+    assert keys.curl("charlie", path) == (200, got)
     refused = 400, {"message": "one or more keys specified are not found on KME"}
-    assert scene.curl("bob", path) == refused
+    assert keys.curl("charlie", path) == refused
 
 
-def test_an_application_of_bobs_does_not_get_the_key_of_another(scene: Scene) -> None:
-    _status, got = scene.curl("alice", "sae-bob/enc_keys")
+def test_an_application_of_charlies_does_not_get_the_key_of_another(keys: Keys) -> None:
+    _status, got = keys.curl("alice", "sae-charlie/enc_keys")
     path = f"sae-alice/dec_keys?key_ID={got['keys'][0]['key_ID']}"
-    shown = scene.network.runtime.own_folder("bob")
+    shown = keys.network.runtime.own_folder("charlie")
     other = CertificateFiles(shown / "sae-web.pem", shown / "sae-web.key")
     words = f"--cert {other.certificate} --key {other.private_key}"
-    assert scene.curl("bob", path, words) == (401, None)
-    assert scene.curl("bob", path) == (200, got)
+    assert keys.curl("charlie", path, words) == (401, None)
+    assert keys.curl("charlie", path) == (200, got)
 
 
-def test_who_has_no_certificate_of_the_authority_gets_no_answer(scene: Scene) -> None:
-    address = "$KME/api/v1/keys/sae-bob/status"
-    said = scene.run("alice", f"curl -sS --cacert $KME_CA {address}; echo $?")
+def test_who_has_no_certificate_of_the_authority_gets_no_answer(keys: Keys) -> None:
+    address = "$KME/api/v1/keys/sae-charlie/status"
+    said = keys.run("alice", f"curl -sS --cacert $KME_CA {address}; echo $?")
     assert said.split()[-1] != "0", said  # with TLS 1.3 it may hear why, or be cut off before
     assert "KME_ID" not in said
-    said = scene.run("alice", f"{CURL} --tls-max 1.1 {address}; echo $?")
+    said = keys.run("alice", f"{CURL} --tls-max 1.1 {address}; echo $?")
     assert said.split()[-1] == "35", said  # of curl: no TLS connection
 
 
@@ -137,23 +104,23 @@ sys.stdin.read()
 """
 
 
-def test_silent_connections_of_another_host_keep_nobody_from_keys(scene: Scene) -> None:
-    manager, silent = scene.managers.programs["alice"], 1010
+def test_silent_connections_of_another_host_keep_nobody_from_keys(keys: Keys) -> None:
+    manager, silent = keys.manager("alice"), 1010
     resource.prlimit(manager.pid, resource.RLIMIT_NOFILE, (1024, 1024))
-    alice, charlie = scene.network.host("alice"), scene.network.host("charlie")
+    alice, bob = keys.network.host("alice"), keys.network.host("bob")
     words = [sys.executable, "-c", SILENT, alice.IP(), str(KEY_DELIVERY_PORT), str(silent)]
     pipe = subprocess.PIPE
-    with charlie.popen(words, stdin=pipe, stdout=pipe, text=True) as attacker:
+    with bob.popen(words, stdin=pipe, stdout=pipe, text=True) as attacker:
         assert attacker.stdout.readline() == "connected\n"
-        assert scene.curl("alice", "sae-bob/status")[0] == 200
+        assert keys.curl("alice", "sae-charlie/status")[0] == 200
         files = len(os.listdir(f"/proc/{manager.pid}/fd"))
         assert files < 256, files  # of 1,024, of which its listener takes 64 for a peer
         attacker.stdin.close()
-    scene.network.check()
+    keys.network.check()
 
 
 def test_what_no_client_would_say_is_refused_and_the_next_one_is_served(
-    scene: Scene, tmp_path: Path
+    keys: Keys, tmp_path: Path
 ) -> None:
     body = tmp_path / "body"
     for content, status in (
@@ -164,29 +131,29 @@ def test_what_no_client_would_say_is_refused_and_the_next_one_is_served(
         (b" " * (1 << 21), 400),
     ):
         body.write_bytes(content)
-        said = scene.run(
+        said = keys.run(
             "alice",
             f'{CURL} --data-binary @{body} -o {tmp_path}/said -w "%{{http_code}}" '
-            '"$KME/api/v1/keys/sae-bob/enc_keys"',
+            '"$KME/api/v1/keys/sae-charlie/enc_keys"',
         )
         assert said.strip().endswith(str(status)), (content[:20], said)
     for words, status in (("-X DELETE", 405), ("-X PATCH", 405)):
-        assert scene.curl("alice", "sae-bob/enc_keys", words)[0] == status
-    assert scene.curl("alice", "%ff/status")[0] == 400
-    assert scene.curl("alice", "../../qmn/assignments", "--path-as-is")[0] == 404
+        assert keys.curl("alice", "sae-charlie/enc_keys", words)[0] == status
+    assert keys.curl("alice", "%ff/status")[0] == 400
+    assert keys.curl("alice", "../../qmn/assignments", "--path-as-is")[0] == 404
     assignment = f'{CURL} -d "{{}}" -w "%{{http_code}}" "$KME/qmn/assignments"'
-    assert scene.run("alice", assignment).endswith("400")
+    assert keys.run("alice", assignment).endswith("400")
     noise = "head -c 5000 /dev/urandom > /dev/tcp/10.0.0.1/8443; echo done"
-    assert "done" in scene.run("bob", noise)
-    assert scene.curl("alice", "sae-bob/status")[0] == 200
+    assert "done" in keys.run("charlie", noise)
+    assert keys.curl("alice", "sae-charlie/status")[0] == 200
 
 
-def test_no_key_is_in_the_packets(scene: Scene) -> None:
-    _status, got = scene.curl("alice", "sae-bob/enc_keys?number=3")
+def test_no_key_is_in_the_packets(keys: Keys) -> None:
+    _status, got = keys.curl("alice", "sae-charlie/enc_keys?number=3")
     ids = [{"key_ID": key["key_ID"]} for key in got["keys"]]
     body = json.dumps({"key_IDs": ids})
-    assert scene.curl("bob", "sae-alice/dec_keys", f"--json '{body}'") == (200, got)
-    logs = scene.network.runtime.logs
+    assert keys.curl("charlie", "sae-alice/dec_keys", f"--json '{body}'") == (200, got)
+    logs = keys.network.runtime.logs
     captured = logs / "s1-eth1.pcap"
     packets = b"".join(bytes(packet) for packet in rdpcap(str(captured)))
     assert len(packets) > 10_000
@@ -197,11 +164,11 @@ def test_no_key_is_in_the_packets(scene: Scene) -> None:
         assert key["key_ID"].encode() not in packets  # assignments are under TLS, too
 
 
-def test_wireshark_reads_what_managers_say_by_the_runs_key_logs(scene: Scene) -> None:
-    _status, got = scene.curl("alice", "sae-bob/enc_keys")
+def test_wireshark_reads_what_managers_say_by_the_runs_key_logs(keys: Keys) -> None:
+    _status, got = keys.curl("alice", "sae-charlie/enc_keys")
     (key,) = got["keys"]
-    logs = scene.network.runtime.logs
-    for host in ("alice", "bob"):
+    logs = keys.network.runtime.logs
+    for host in ("alice", "charlie"):
         assert (logs / f"kme-{host}.keys").stat().st_mode & 0o777 == 0o600
 
     def read() -> str:
@@ -221,10 +188,10 @@ def test_wireshark_reads_what_managers_say_by_the_runs_key_logs(scene: Scene) ->
     assert key["key"] not in read()
 
 
-def test_qkdsec_finds_nothing_that_fails(scene: Scene) -> None:
+def test_qkdsec_finds_nothing_that_fails(keys: Keys) -> None:
     # It asks for a key and its copy by one certificate: an application that is its own slave.
     words = "--cert $SAE_CERT --key $SAE_KEY --ca-cert $KME_CA --format json"
-    said = scene.run("alice", f"{PROGRAMS}/qkdsec doctor $KME -s sae-alice {words}; echo $?")
+    said = keys.run("alice", f"{PROGRAMS}/qkdsec doctor $KME -s sae-alice {words}; echo $?")
     report, _, status = said.strip().rpartition("\n")
     assert status == "0", said
     counts = json.loads(report)["counts"]
@@ -234,33 +201,33 @@ def test_qkdsec_finds_nothing_that_fails(scene: Scene) -> None:
     assert [each["name"] for each in warned] == ["error_contract_404"]
 
 
-def test_qkdsec_gets_keys_of_light(scene: Scene) -> None:
+def test_qkdsec_gets_keys_of_light(keys: Keys) -> None:
     words = "--cert $SAE_CERT --key $SAE_KEY --ca-cert $KME_CA"
-    said = scene.run("alice", f"{PROGRAMS}/qkdsec status $KME sae-bob {words}; echo $?")
+    said = keys.run("alice", f"{PROGRAMS}/qkdsec status $KME sae-charlie {words}; echo $?")
     assert said.strip().endswith("\n0"), said
-    before = scene.stored()
+    before = keys.stored()
     words += " --format json"
-    said = scene.run("alice", f"{PROGRAMS}/qkdsec doctor $KME -s sae-bob {words}")
+    said = keys.run("alice", f"{PROGRAMS}/qkdsec doctor $KME -s sae-charlie {words}")
     failed = [each for each in json.loads(said)["results"] if each["status"] == "fail"]
-    # All but this: alice is not bob, so she cannot fetch what he is to fetch.
+    # All but this: alice is not charlie, so she cannot fetch what he is to fetch.
     assert [each["name"] for each in failed] == ["dec_keys_roundtrip"]
     assert "KME returned HTTP 400" in failed[0]["summary"]
-    assert before - scene.stored() in (4, 4 - HIGH // 2, 4 - HIGH)  # a session may come between
+    assert before - keys.stored() in (4, 4 - HIGH // 2, 4 - HIGH)  # a session may come between
 
 
-def test_a_client_library_gets_the_same_keys_at_both_ends(scene: Scene, tmp_path: Path) -> None:
+def test_a_client_library_gets_the_same_keys_at_both_ends(keys: Keys, tmp_path: Path) -> None:
     file = tmp_path / "client.py"
     file.write_text(CLIENT)
     python = f"{sys.executable} {file} ${{KME#https://}}"
-    got = scene.run("alice", f"{python} enc sae-bob").split()
+    got = keys.run("alice", f"{python} enc sae-charlie").split()
     assert got[0] == "200", got
     assert len(got) == 5
-    fetched = scene.run("bob", f"{python} dec sae-alice {got[1]} {got[3]}").split()
+    fetched = keys.run("charlie", f"{python} dec sae-alice {got[1]} {got[3]}").split()
     assert fetched == got
 
 
-def test_stores_are_filled_again_to_the_mark(scene: Scene) -> None:
-    count = scene.stored() - LOW + 1
-    status, _got = scene.curl("alice", f"sae-bob/enc_keys?number={count}")
+def test_stores_are_filled_again_to_the_mark(keys: Keys) -> None:
+    count = keys.stored() - LOW + 1
+    status, _got = keys.curl("alice", f"sae-charlie/enc_keys?number={count}")
     assert status == 200
-    wait_until(lambda: scene.stored() >= HIGH, "the store is filled to its high mark")
+    wait_until(lambda: keys.stored() >= HIGH, "the store is filled to its high mark")

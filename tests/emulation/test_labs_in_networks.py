@@ -92,7 +92,7 @@ def test_labs_go_on_behind_one_that_fails_and_resume_does_what_is_left(tmp_path:
     assert len(list(out.iterdir())) == 3  # in the same folders
     facts = facts_of(out, "one")
     assert (facts["agrees"], list(facts["runs"])) == (True, ["a", "bad", "b"])
-    # Another seed begins anew, and so does whoever does not ask for the old.
+    # Another seed begins again, and so does a call that does not ask for the old.
     for words in (["--resume", "--seed", "2"], []):
         labs(names[1:2], out, *words).communicate(timeout=PROGRAM_S)
     assert (tmp_path / "done").read_text() == "a bad c d bad b c c "
@@ -179,5 +179,5 @@ def test_classical_light_in_the_photons_band_spoils_what_is_teleported(tmp_path:
     assert done.returncode == 0, done.stdout + done.stderr
     told = json.loads((tmp_path / "latest" / "result.json").read_text())["job"]["asking"]
     sigma = (0.58986 * (1 - 0.58986) / told["arrived"]) ** 0.5
-    assert 5 * sigma < 0.96513 - 0.58986  # so many have arrived that it can be told
+    assert 5 * sigma < 0.96513 - 0.58986  # enough have arrived to tell
     assert abs(told["fidelity"] - 0.58986) < 5 * sigma

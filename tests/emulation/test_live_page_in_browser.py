@@ -54,7 +54,7 @@ def test_every_button_does_what_its_command_does(tmp_path: Path) -> None:
             press(page, chosen, typed, button, command)
             selector, number = SEEN.get(command, ("body", 1))
             expect(page.locator(selector)).to_have_count(number)
-        # What bob has measured: no symbol of 20 was wrong.
+        # Bob's measurement: no symbol of 20 was wrong.
         errors = page.locator("#sessions tbody tr").last.locator("td").last
         expect(errors).to_have_text(re.compile(r"^0\.00 \(0\.00 to \d+\.\d\d\)$"))
         page.get_by_role("button", name="draw").click()

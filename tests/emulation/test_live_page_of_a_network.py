@@ -70,7 +70,7 @@ def network_with_a_page(tmp_path: Path) -> Iterator[str]:
 
 
 def act(url: str, **fields: str) -> dict[str, Any]:
-    """Have something done; return what came of it."""
+    """Have something done; return the result."""
     request = urllib.request.Request(  # noqa: S310
         f"{url}act", json.dumps(fields).encode(), {"Content-Type": "application/json"}
     )

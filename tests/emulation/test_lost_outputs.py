@@ -64,6 +64,7 @@ def test_a_terminal_that_closes_leaves_nothing(
     assert schema.read_left(result.parent).error == f"interrupted by {number}"
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize(
     ("outputs", "words"),
     [

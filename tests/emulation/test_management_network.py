@@ -6,11 +6,13 @@ from pathlib import Path
 
 import pytest
 from conftest import wait_until
+from mininet.net import Mininet
 from scapy.layers.inet import IP, TCP
 from scapy.utils import rdpcap
 
 from qmn.jobs.transfer import TransferError
 from qmn.scripting import QuantumNetwork, start
+from topologies.networks.network import Network
 from wire.parameters.network import OPENFLOW_PORT
 
 OPENFLOW_1_4 = b"\x05"
@@ -66,12 +68,17 @@ def test_a_session_opens_over_a_lossy_way_to_the_controller() -> None:
         wait_until(lambda: arrives(network, b"hello"), "a session")
 
 
-@pytest.mark.parametrize("copper_km", [0.0, 20.0])
-def test_no_interface_of_a_switch_has_an_ipv6_address(copper_km: float) -> None:
-    with start("sdc", copper_km=copper_km) as network:
-        interfaces = {name for switch in network.net.switches for name in switch.intfNames()} - {
-            "lo"
-        }
-        assert {"s1-eth1", "q1-eth1"} <= interfaces
-        lines = Path("/proc/net/if_inet6").read_text().splitlines()
-        assert not interfaces & {line.split()[-1] for line in lines}
+def require_no_ipv6(net: Mininet) -> None:
+    interfaces = {name for switch in net.switches for name in switch.intfNames()} - {"lo"}
+    assert {"s1-eth1", "q1-eth1"} <= interfaces
+    lines = Path("/proc/net/if_inet6").read_text().splitlines()
+    assert not interfaces & {line.split()[-1] for line in lines}
+
+
+def test_no_interface_of_a_switch_has_an_ipv6_address(shared_network: Network) -> None:
+    require_no_ipv6(shared_network.net)
+
+
+def test_no_end_of_long_copper_has_an_ipv6_address() -> None:
+    with start("sdc", copper_km=20.0) as network:
+        require_no_ipv6(network.net)

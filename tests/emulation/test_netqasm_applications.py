@@ -143,7 +143,7 @@ def differing(logs: Path) -> dict[str, list[bool]]:
 def test_each_of_three_nodes_shares_pairs_with_the_others(
     netqasm_network: Network, tmp_path: Path
 ) -> None:
-    """What the programs find they tell NetQASM's logger alone."""
+    """The programs tell NetQASM's logger alone what they find."""
     played(netqasm_network, tmp_path, APPS / "three_nodes", rounds=4)
     assert list(differing(netqasm_network.runtime.logs).values()) == [[False] * 4] * 3
 
@@ -179,7 +179,7 @@ def test_the_teleport_of_the_sdk_runs_as_it_is(netqasm_network: Network, tmp_pat
 def test_the_netqmpi_program_of_the_documentation_runs_on_a_host_for_each_rank(
     netqasm_network: Network, tmp_path: Path
 ) -> None:
-    """What rank 0 teleports is 1; without corrections one in 2 ** rounds would be right."""
+    """Rank 0 teleports 1; without corrections one in 2 ** rounds would be right."""
     (text,) = [each for each in blocks("docs/netqasm.md", "python") if "comm.qsend" in each]
     program, rounds = tmp_path / "send.py", 12
     program.write_text(text)
@@ -226,8 +226,8 @@ def test_anonymous_transmission_is_as_good_as_the_pairs_of_its_ghz_states(tmp_pa
     """Pairs of alice and bob pass four fibres, those that charlie makes of his own two: W1, W2, W3.
 
     A pair that is fully mixed is a random Pauli operator. An X of it flips all GHZ qubits behind
-    it, a Z the phase of the whole. So of the two bits that are told by the parity of a GHZ state
-    each is wrong with (1 - W1 W2 W3) / 2. The pair that alice and charlie get out of the first one
+    it, a Z the phase of the whole. So of the two bits in the parity of a GHZ state each is wrong
+    with (1 - W1 W2 W3) / 2. The pair that alice and charlie get out of the first one
     is flipped by X of the two links between them, and by Z of all three.
     """
     rounds, w, phi, theta = 24, 0.7, 0.7, 1.1

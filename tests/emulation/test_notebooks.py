@@ -16,7 +16,7 @@ FOLDER = ROOT / "examples" / "notebooks"
 def test_a_notebook_runs_to_its_end(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What it finds it compares with theory itself; a cell that fails fails the test."""
+    """It compares its results with theory itself; a cell that fails fails the test."""
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     notebook = nbformat.read(FOLDER / f"{name}.ipynb", as_version=4)
     assert not any(cell.get("outputs") for cell in notebook.cells)  # as it is kept

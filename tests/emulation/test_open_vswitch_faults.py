@@ -24,6 +24,7 @@ DAEMONS = openvswitch.DATABASE, openvswitch.SWITCH_DAEMON
 ENDS_IN_S = 20  # with clean-up; the wait ends much sooner
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("daemon", DAEMONS)
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGSEGV])
 def test_a_daemon_that_ends_is_named(tmp_path: Path, daemon: str, number: signal.Signals) -> None:
@@ -62,6 +63,7 @@ def test_a_switch_daemon_that_ends_as_an_agent_starts_is_named(
 
 
 @pytest.mark.waits
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("daemon", DAEMONS)
 def test_a_daemon_that_a_signal_has_stopped_is_named(tmp_path: Path, daemon: str) -> None:
     with long_run(tmp_path) as process:
@@ -72,6 +74,7 @@ def test_a_daemon_that_a_signal_has_stopped_is_named(tmp_path: Path, daemon: str
     assert f"qmn: {daemon} does not answer: a signal has stopped it (SIGSTOP)" in output
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("folder", ["run/openvswitch", "etc/openvswitch"])
 def test_a_run_whose_files_of_open_vswitch_are_removed_ends_in_time(
     tmp_path: Path, folder: str

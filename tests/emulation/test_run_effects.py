@@ -128,7 +128,7 @@ def test_photons_whose_ways_differ_by_less_than_a_nanosecond_interfere_less(
 
 @pytest.mark.nightly
 def test_pairs_in_time_bins_swap_by_the_overlap_of_their_polarisations(tmp_path: Path) -> None:
-    """Scrambled for each photon anew, it is 1/2 on average: F = (1 + V) / 2."""
+    """Scrambled for each photon again, it is 1/2 on average: F = (1 + V) / 2."""
     words = ["swap", "--count", "400", "--sample", "0.8", *SCRAMBLED]
     for part in (
         "alice__source",

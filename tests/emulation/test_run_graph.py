@@ -12,7 +12,7 @@ KEPT = (1 - NOISE) ** 2  # of a pair, by the two fibres of a link
 
 
 def told(network: Network, **options: str) -> dict[str, Any]:
-    """Return what the host is told that asks."""
+    """Return the result at the host that asks."""
     line = ("alice", "bob", "charlie")
     found = served(network, "graph", *line, line=",".join(line), count=20_000, **options)
     assert found["states"] >= 20_000

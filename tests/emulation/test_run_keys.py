@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from conftest import wait_until
 from fabric_scene import running
+from key_scene import HIGH, LOW, Keys
 from loaded import run_qmn
 from test_results_fit_schema import require_schema
 
@@ -17,13 +18,14 @@ from applications.keys.key_managers import KeyService, start_key_managers
 from hosts.middleware.qkd.key_store import KeyStore
 from hosts.middleware.qkd.keyring import CAPACITY
 from qmn.jobs.transfer import Lines
+from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 from topologies.system.certificates.authority import CertificateAuthority
 from wire.key_manager import KeyLink
 
 
 def run_keys(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str], dict[str, Any]]:
-    """Keep keys for a while; return what was said, and the result."""
+    """Keep keys for a while; return the process, and the result."""
     done = run_qmn("run", "keys", *words, "--without", "report", "--runs", str(runs))
     return done, json.loads((runs / "latest" / "result.json").read_text())
 
@@ -73,29 +75,26 @@ def test_a_relay_that_nobody_trusts_fills_the_stores_of_both_ends_alike(tmp_path
         assert not [path for path in relay.rglob("*") if path.is_file()]
 
 
-def test_several_pairs_keep_keys_and_sessions_come_back_after_a_cut(tmp_path: Path) -> None:
-    link = KeyLink("", True, low=4, high=8, options={"count": 12_000})
-    pairs = [("alice", "bob"), ("charlie", "alice")]
-    with running(SdcTopo, tmp_path, contention="queue") as network:
-        managers = start_key_managers(network, KeyService(pairs, link))
-        said = Lines(managers.programs["alice"])
-        for one, other in pairs:
-            mine = KeyStore(Path(network.runtime.key_folder(one)) / other, CAPACITY)
-            theirs = KeyStore(Path(network.runtime.key_folder(other)) / one, CAPACITY)
-            for count in ("mine", "theirs"):
-                wait_until(lambda: getattr(mine, count) >= 8, f"{one}, {other}: {count}")  # noqa: B023
-            assert (mine.mine, mine.theirs) == (theirs.theirs, theirs.mine)
-        network.net.configLinkStatus("alice", "q1", "down")
-        store = KeyStore(Path(network.runtime.key_folder("alice")) / "bob", CAPACITY)
-        store.take_oldest(store.mine)
+def test_several_pairs_keep_keys_and_sessions_come_back_after_a_cut(keys_network: Network) -> None:
+    runtime = keys_network.runtime
+    said = Lines(Keys(keys_network).manager("alice"))
+    for one, other in (("alice", "charlie"), ("charlie", "bob")):
+        mine = KeyStore(Path(runtime.key_folder(one)) / other, CAPACITY)
+        theirs = KeyStore(Path(runtime.key_folder(other)) / one, CAPACITY)
+        for count in ("mine", "theirs"):
+            wait_until(lambda: getattr(mine, count) >= LOW, f"{one}, {other}: {count}")  # noqa: B023
+        assert (mine.mine, mine.theirs) == (theirs.theirs, theirs.mine)
+    keys_network.net.configLinkStatus("alice", "q1", "down")
+    store = KeyStore(Path(runtime.key_folder("alice")) / "charlie", CAPACITY)
+    store.take_oldest(store.mine)
 
-        def failed() -> bool:
-            return any("cut" in each.get("text", "") for each in said.new())
+    def failed() -> bool:
+        return any("cut" in each.get("text", "") for each in said.new())
 
-        wait_until(failed, "a session fails for the cut")
-        assert store.mine == 0
-        network.net.configLinkStatus("alice", "q1", "up")
-        wait_until(lambda: store.mine >= 8, "alice has keys again")
+    wait_until(failed, "a session fails for the cut")
+    assert store.mine == 0
+    keys_network.net.configLinkStatus("alice", "q1", "up")
+    wait_until(lambda: store.mine >= HIGH, "alice has keys again")
 
 
 def test_hosts_of_the_command_line_find_their_keys_with_certificates_that_were_given(

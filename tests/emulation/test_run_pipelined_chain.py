@@ -1,8 +1,8 @@
 """Blocks under way at once in a chain of four repeaters, over the real components, beside theory.
 
 Light takes d for a link of 200 km. A block by itself takes 35 d: 10 until bob is asked and has
-answered, 15 until all links are there one hop after the other, their swaps are told and bob has
-said so, 10 for the sample. With four, bob is asked for the next while the first is on its way, and
+answered, 15 until all links are there one hop after the other, their swaps are reported and bob has
+replied, 10 for the sample. With four, bob is asked for the next while the first is on its way, and
 what is left is the sample of each, one after the other.
 """
 

@@ -31,7 +31,7 @@ LIAR = Path(__file__).parents[2] / "docs" / "mdi" / "lying_relay.py"
 
 
 def run_qkd(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str], dict[str, Any]]:
-    """Distribute keys; return what was said, and the result."""
+    """Distribute keys; return the process, and the result."""
     done = run_qmn("run", "qkd", *words, "--without", "report", "--runs", str(runs))
     return done, json.loads((runs / "latest" / "result.json").read_text())
 
@@ -161,7 +161,7 @@ def test_a_relay_that_lies_is_seen_as_noise_and_brings_no_key(tmp_path: Path) ->
 
 @pytest.mark.nightly
 def test_decoys_of_both_ends_make_a_key_by_a_relay(tmp_path: Path) -> None:
-    """In Z no pulses alike are told of; of the others the closed form of both formulas' papers."""
+    """In Z no pulses alike are announced; of the others the closed form of both papers."""
     laser = ("statistics=poisson", "mean_pairs=0.4", "decoys=[0.1, 0.0]")
     words = [f"{host}.source.{each}" for host in ("alice", "bob") for each in laser]
     given = [part for word in words for part in ("--device", word)]
@@ -259,7 +259,7 @@ def test_decoys_find_who_splits_photon_numbers(tmp_path: Path) -> None:
 
 
 def test_a_session_gets_the_light_of_one_that_has_just_ended(shared_network: Network) -> None:
-    """So much is said in each that its close has to be held against what the switch counts."""
+    """Each carries so much that its close has to be held against what the switch counts."""
     network, bits = shared_network, 3_000_000
     before = len(facts(network, "torn_down"))
     for opener, acceptor in (("alice", "bob"), ("bob", "alice"), ("bob", "alice")):

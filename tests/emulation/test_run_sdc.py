@@ -71,6 +71,7 @@ def test_a_report_that_was_not_wanted_can_be_made_later(
 
 
 @pytest.mark.image
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("controller", ["ryu", "os-ken"])
 @pytest.mark.parametrize("handshake", ["framed", "per-pair"])
 def test_bob_holds_exactly_what_alice_sent(tmp_path: Path, controller: str, handshake: str) -> None:

@@ -113,7 +113,7 @@ def _no_socket_is_left() -> Iterator[None]:
 
 
 def lines_of(log: Path) -> list[dict[str, Any]]:
-    """Return what a program has said, by the clock of this machine."""
+    """Return the lines of a program, by the clock of this machine."""
     return [json.loads(line) for line in log.read_text().splitlines() if line.startswith("{")]
 
 
@@ -263,7 +263,7 @@ def client_hellos(capture: Path, port: int) -> list[str]:
 def tunnelled(
     tmp_path: Path, program: str, rotate_s: float = 500.0, lifetime_s: float = 600.0
 ) -> Iterator[Network]:
-    """Start a tunnel, whose key stays as it is unless it is told otherwise."""
+    """Start a tunnel, whose key stays as it is by default."""
     pairs, link = [("alice", "bob")], KeyLink("", True, low=2, high=4, options={"count": 12_000})
     with running(SdcTopo, tmp_path) as network:
         start_key_managers(network, KeyService(pairs, link))

@@ -1,4 +1,4 @@
-"""Sessions that cannot be or that break, and a second network: told, and the first goes on."""
+"""Sessions that cannot be or that break, and a second network: refused, and the first goes on."""
 
 from threading import Timer
 

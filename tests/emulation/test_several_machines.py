@@ -283,7 +283,7 @@ def test_the_command_line_steers_a_host_of_a_second_machine(
     (namespace,) = (line.split()[1] for line in lines if line.startswith("namespace "))
     assert namespace.startswith("user:[")
     assert namespace != os.readlink("/proc/self/ns/user")
-    # What cannot be there is refused by name, and nothing else is.
+    # Programs that cannot be there are refused by name, and no others.
     assert done.stderr.startswith("*** bob is on m2, where iperf "), done.stderr
     assert (done.returncode, done.stderr.count("***")) == (1, 1)
     machine = json.loads((tmp_path / "latest" / "result.json").read_text())["machines"]["m2"]

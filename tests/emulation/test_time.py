@@ -52,7 +52,7 @@ asyncio.run(emit(*sys.argv[1:]))
 
 
 def moments(folder: Path, kind: str, count: int) -> list[datetime]:
-    """Wait until a run has so many events of charlie's of a kind; return when they were."""
+    """Wait until a run has a number of charlie's events of a kind; return their times."""
     until_s = time.monotonic() + SLOW_S
     while True:
         lines = [line.split() for line in (folder / "quantum.log").read_text().splitlines()]
@@ -111,7 +111,7 @@ def test_copper_that_is_too_short_for_light_is_marked(tmp_path: Path) -> None:
 def test_light_lost_at_a_far_switch_is_known_when_news_is_back(tmp_path: Path) -> None:
     """q1 is 2000 km from charlie, and has no path: news comes after 50 x 2 x 9.8 ms here.
 
-    Who sends is answered before, when the light has left: nothing of that is in the answer.
+    The sender has its answer earlier, when the light has left, without that news.
     """
     with start("sdc", folder=tmp_path, length_km=2000.0, time_scale=50.0) as network:
         script = network.runtime.logs.parent / "emit.py"  # the run's folder is not for hosts

@@ -36,7 +36,7 @@ def kinds(run: Path, file: str, *options: str) -> set[str]:
 
 
 def firsts(files: Iterable[Path], port: int) -> Iterator[bytes]:
-    """Yield what each end of each connection with a port has said first."""
+    """Yield the first bytes of each end of each connection with a port."""
     for file in files:
         heard = set()
         for packet in rdpcap(str(file)):

@@ -31,7 +31,7 @@ def test_what_hosts_of_mininet_see_is_found(tmp_path: Path) -> None:
 def test_where_the_kernel_makes_no_user_namespaces_it_is_said_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """It refuses them below a user namespace whose root has said so: user_namespaces(7)."""
+    """It refuses them below a user namespace whose root forbids them: user_namespaces(7)."""
     below = ["unshare", "--user", "--map-root-user", "sh", "-c"]
     refused = [*below, 'echo 0 >/proc/sys/user/max_user_namespaces && exec "$@"', "sh"]
     monkeypatch.setattr(user_namespace, "MAKE", [*refused, *user_namespace.MAKE])
