@@ -2,7 +2,7 @@
 
 Modules and thousands of tests are a million objects that live to the end. The collector would go
 through all of them several times in each process, for a fifth of the time that collecting takes;
-and tests make so many objects that looking each 700 of them, as it does by itself, costs another
+and tests make many objects: looking each 700 of them, as it does by itself, costs another
 twentieth.
 """
 

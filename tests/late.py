@@ -20,7 +20,7 @@ FLAGS = ("-q", "-p", "no:cacheprovider", "-p", "garbage")
 
 
 class Late:
-    """What has failed of a run, and passed alone."""
+    """Tests of a run that failed, and passed alone."""
 
     def __init__(self, config: pytest.Config, words: Sequence[str]) -> None:
         self._config, self._words = config, words

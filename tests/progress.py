@@ -36,7 +36,7 @@ class Progress:
         self._began_s = self._told_s = time.monotonic()
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Name a test that failed: why is told at the end, to which a stopped run does not come."""
+        """Name a test that failed: its reason comes at the end, which a stopped run lacks."""
         if report.failed:
             self._tell(f" failed: {report.nodeid}")
 

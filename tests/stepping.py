@@ -74,7 +74,7 @@ class Stepping:
 
 @contextmanager
 def stepping(watched: bool = False) -> Iterator[Stepping]:
-    """Run a gate that looks at this process, and at others that it is told of."""
+    """Run a gate that looks at this process, and at others that are named."""
     with TemporaryDirectory(dir="/tmp") as folder:  # sockets need a short path
         gate = Stepping(Path(folder), watched)
         try:

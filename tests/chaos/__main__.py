@@ -4,7 +4,7 @@ python tests/chaos --minutes 10 --seed 1      (root; `make chaos MINUTES=10 SEED
 python tests/chaos --standing --strikes 100   (`make chaos STANDING=1 STRIKES=100`: standing.py)
 
 Each run has a job at random and is struck at a moment of its life at random (under_way.py):
-something of it is killed, told to end, stopped or cut, beside namespaces and processes that are
+something of it is killed, asked to end, stopped or cut, beside namespaces and processes that are
 not ours. If it goes on, or while it ends, it may be struck again. No run may hang, deliver
 wrong bytes, leave anything behind or touch what is not its own; and it names the cause, soon. It
 looks at a run from outside, with none of its code. Those who strike have namespaces of their own,
@@ -33,11 +33,11 @@ from outcomes import Made, Outcome, bad, first_told, from_fields, summary, told,
 from strikes import strike
 from under_way import DISK, OUTPUTS, ROOT, UnderWay, drawn
 
-# In namespaces of its own, and it ends with whoever has started it.
+# In namespaces of its own, and it ends with its starter.
 APART = ("setpriv", "--pdeathsig", "KILL", str(ROOT / "topologies" / "own_namespaces"))
 STRIKES_OF_A_RUN = (1, 2, 3, 4)  # at most: it may have ended before the second
 HANG_S = 90.0  # from the last strike to the end
-LAST_WORDS = 6  # lines of a run that went wrong, which are told
+LAST_WORDS = 6  # lines of a run that went wrong, which are shown
 UNBOUNDED = 1_000_000  # strikes, where time alone ends them
 UNSTRUCK_S = 600.0  # that a run which nobody strikes may take on a machine that does much else
 
@@ -79,7 +79,7 @@ def main() -> int:
 
 def strike_standing(arguments: argparse.Namespace, wanted: int | None) -> int:
     """Strike one network; print each strike, and return 0 if all went well."""
-    # What starts a network loads the product, which those who only watch a run do without.
+    # A starter of networks loads the product; a run alone is watched without it.
     sys.path.insert(0, str(ROOT))
     import standing
 

@@ -153,7 +153,7 @@ def things() -> dict[str, set[str]]:
 
 
 def left(before: dict[str, set[str]]) -> list[str]:
-    """Return what is there that was not before, or is no longer, when all has settled."""
+    """Return what has come and what is gone, when all has settled."""
     deadline = time.monotonic() + SETTLE_S
     while (now := things()) != before and time.monotonic() < deadline:
         time.sleep(0.1)

@@ -24,7 +24,7 @@ class Made:
 
 @dataclass
 class Outcome:
-    """What the strikes at one run have led to."""
+    """The results of the strikes at one run."""
 
     number: int
     job: str
@@ -103,7 +103,7 @@ def from_fields(fields: dict[str, Any]) -> Outcome:
 
 
 def first_told(said: Iterable[tuple[float, str]], cause: str, ended: float) -> float:
-    """Return when a run has first told what it ended by: what its light was lost by, it says then.
+    """Return when a run has first named the cause of its end, or of the loss of its light.
 
     It goes on for a while, and ends if its light is not back. So does a tunnel without keys.
     """

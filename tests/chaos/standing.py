@@ -40,7 +40,7 @@ Strike = Callable[["Standing", Random], str]
 
 @dataclass
 class Struck:
-    """What one strike has led to."""
+    """The result of one strike."""
 
     number: int
     what: str
@@ -203,9 +203,9 @@ STRIKES: tuple[tuple[int, Strike], ...] = (
 
 
 def strikes(count: int, seed: int, first: int, deadline: float) -> Iterator[Struck]:
-    """Make so many strikes at one network, until a deadline; yield what each has led to.
+    """Make a number of strikes at one network, until a deadline; yield the result of each.
 
-    The last one is none, and tells what is left when the network is gone.
+    The last result has no strike: what is left when the network is gone.
     """
     before = machine.things()
     with tempfile.TemporaryDirectory(prefix="chaos") as folder:

@@ -61,7 +61,7 @@ class Strike:
 
 
 def strike(run: UnderWay, random: Random) -> Strike | None:
-    """Strike something of a run that is there now; None if there is nothing yet."""
+    """Strike something of a run that exists now; None if nothing does yet."""
     if random.random() < OUTPUT_SHARE[run.output] and not run.output_lost:
         run.lose_output()
         return Strike(OUTPUT, f"{run.output} lost", ())

@@ -25,7 +25,7 @@ UNTIL_CTRL_C = re.compile(r"qmn (live|spy(?! runs)|run keys(?!.*--seconds))")
 SECONDS = 20  # of these
 MININET = "sudo PYTHONPATH=. mn "
 PROMPTS = ("qmn> ", "mininet> ")
-# What asks a network from another terminal, and that network; and the address that this prints
+# Commands that ask a network from another terminal, and that network; and the address it prints
 # where the page has one of another day.
 BESIDE = {
     r"pygnmicli ": "qmn cli sdc --gnmi",
@@ -42,7 +42,7 @@ SERVED = r"""(cd ROOT; exec \1) &
 trap "kill $!" EXIT
 until test -S \2; do sleep 0.1; done"""
 PRINTED = re.compile(r"bob: hello$|identical: ")  # by the line above
-# What nothing here runs, and why not: a line that neither is nor is run is refused.
+# Commands that nothing here runs, and why not: a line that neither is nor is run is refused.
 NOT_HERE = {
     r"make |\.ci/run": "CI's own: tests/unit/qmn/test_pages.py looks for the targets",
     r"docker/run |docker swarm |docker stack |QMN_LIVE_PORT=8123 docker/run ": (
@@ -194,7 +194,7 @@ def network(folder: Path) -> Iterator[None]:
 
 
 def script(command: Typed) -> str:
-    """Return what a shell is told to run."""
+    """Return the commands for a shell."""
     line = re.sub(r"\b(COPY|RUN)\b", lambda found: PLACEHOLDERS[found[0]], command.line)
     line = ELSEWHERE_ONLY.sub("qmn runs --runs elsewhere", line)
     if UNTIL_CTRL_C.match(line):

@@ -37,7 +37,7 @@ BESIDE: dict[str, Mapping[str, Any]] = {  # what a value needs, or what makes so
     "source.heralding_efficiency": POISSON,
     "memory.t1_s": {"memory.t2_s": 1e-3},
 }
-# What the stack of a host gets of its own device.
+# The part of its own device that the stack of a host gets.
 STACK: dict[str, Callable[[Device], Any]] = {
     "analyser": lambda device: device.analyser.kind,
     "features": lambda device: device.features.value,

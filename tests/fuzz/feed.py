@@ -31,11 +31,11 @@ SERVERS: dict[str, type[Dispatcher | SabotServer]] = {
     "dispatcher": Dispatcher,
     "Sabot": SabotServer,
 }
-SHARE_OF_SERVERS = 50  # one input in so many: each is a request that is done
+SHARE_OF_SERVERS = 50  # the share of inputs that are valid requests
 
 
 class Piece(NamedTuple):
-    """So many inputs for one decoder, which follow from the seed alone."""
+    """A number of inputs for one decoder, which follow from the seed alone."""
 
     target: str
     seed: int
@@ -43,7 +43,7 @@ class Piece(NamedTuple):
 
 
 class Result(NamedTuple):
-    """What became of a piece."""
+    """The outcome of a piece."""
 
     target: str
     inputs: int

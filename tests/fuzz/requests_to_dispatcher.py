@@ -18,7 +18,7 @@ from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 
 PHOTONS = 4
 SHORT_S = 1e-9
-MOST_LIVE = 50_000  # qubits, beyond which a scene is begun anew
+MOST_LIVE = 50_000  # qubits, beyond which a new scene begins
 
 
 def _fiber(host: str, number: int, port: int) -> Fiber:
@@ -76,7 +76,7 @@ class Dispatcher:
         self._random = random
 
     def feed(self, inputs: int) -> tuple[int, str]:
-        """Make so many requests; return how many were done, and the first fault in words."""
+        """Make a number of requests; return how many were done, and the first fault in words."""
         return asyncio.run(self._feed(inputs))
 
     async def _feed(self, inputs: int) -> tuple[int, str]:

@@ -1,6 +1,6 @@
 """Requests to a Sabot server with spoiled fields, beside a workspace of somebody else.
 
-What is refused changes nothing, of no workspace; and what is done changes the own one alone.
+A refused request changes no workspace; one that is done changes its own alone.
 """
 
 from random import Random
@@ -19,7 +19,7 @@ MINE, OTHER = 6, 7  # workspaces, by numbers that no fault puts in
 
 
 class Refused(Exception):
-    """The server has said no."""
+    """The server has refused."""
 
 
 class Context:
@@ -79,7 +79,7 @@ class SabotServer:
                 self._service.Create(made, context)
 
     def feed(self, inputs: int) -> tuple[int, str]:
-        """Make so many requests; return how many were done, and the first fault in words."""
+        """Make a number of requests; return how many were done, and the first fault in words."""
         done = 0
         for _ in range(inputs):
             if self._random.random() < 0.1:

@@ -1,8 +1,8 @@
 """A decoder that is fed, and how it is held to account.
 
-What a decoder takes has a meaning: written again and read again, it is the same. Where a format has
-one way to say a thing (`canonical`), the bytes written are those that were read. What it does not
-take it refuses with the error named, and no other.
+A message that a decoder takes has a meaning: written again and read again, it is the same. Where
+a format has one way to say a thing (`canonical`), the bytes written are those that were read.
+What it does not take it refuses with the error named, and no other.
 """
 
 from collections.abc import Callable, Sequence

@@ -3,7 +3,7 @@
 python tests/live_speed/measure.py                       (root; `make live-speed`)
 python tests/live_speed/measure.py --events-per-s 2000 --seconds 90 --rounds 8
 
-First a run of so many events a second, in turns without a page and with one: the pairs a second
+First a run of a number of events a second, in turns without a page and with one: the pairs a second
 that it keeps with a page, of those shortly before and after. What opening a page takes once is not
 among them. Then a run likewise that is as fast as this machine can, and fills its processors: what
 it keeps is told, and decides nothing. Then the events of that run come again, as fast as is said,

@@ -37,7 +37,7 @@ class Turn:
 
 @dataclass(frozen=True)
 class Time:
-    """The same, before the run has said what it did."""
+    """The same, before the run has reported."""
 
     begin_s: float
     end_s: float

@@ -30,7 +30,7 @@ PROBE = """origin => {
 
 @dataclass(frozen=True)
 class Sample:
-    """What was seen of a page."""
+    """Measurements of a page."""
 
     behind_ms: list[float]  # at each millisecond
     frames_per_s: float  # in which something new was drawn

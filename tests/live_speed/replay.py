@@ -43,7 +43,7 @@ def replayed(run: Path, events_per_s: int) -> Iterator[tuple[str, int]]:
 
 
 def served(run: Path, events_per_s: int, told: Connection) -> None:
-    """Serve what comes again until this process is told to end."""
+    """Serve the replay until this process is asked to end."""
     _result, network = read_result(run)
     messages = map(json.loads, timeline_of_run(run).after(0, 1 << 30)[0])
     past = [each for each in messages if each["what"] == EVENT]

@@ -128,7 +128,7 @@ def swarm() -> Iterator[tuple[Engine, Engine]]:
 
 
 def workers(first: Engine) -> list[str]:
-    """Return what workers have said when they had joined."""
+    """Return the output of workers that had joined."""
     said = first.says("service", "logs", "--raw", "qmn_worker").splitlines()
     return [line for line in said if line.startswith("ready: m2 ")]
 

@@ -42,8 +42,8 @@ def outputs(
 ) -> list[dict[str, Any]]:
     """Run the programs of all roles; return what each has returned, for each round.
 
-    A path is the folder of an application; inputs are given one after the other, by role, each
-    for so many rounds. In the end no photon may be left.
+    A path is the folder of an application; inputs are given one after the other, by role, each for
+    a number of rounds. In the end no photon may be left.
     """
 
     def play(role: str, main: Program, end: RoundEnd) -> list[Any]:

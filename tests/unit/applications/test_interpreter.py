@@ -176,7 +176,7 @@ class RandomCircuit:
     """Gates, measurements and conditions on either; every measurement has a bit of its own."""
 
     def __init__(self, random: Generator, length: int) -> None:
-        """Choose so many operations."""
+        """Choose a number of operations."""
         self._random, self._bits = random, iter(range(BITS))
         mixed = tuple(Gate("H", (qubit,)) for qubit in range(QUBITS))
         operations = mixed + tuple(self._operation() for _ in range(length))

@@ -22,7 +22,7 @@ SIGMAS = 4
 def found(
     folder: Path, program: Path, rank: int, shots: int, **physics: Any
 ) -> tuple[dict[str, int], list[int]]:
-    """Return what a rank has found, and the rounds that were told."""
+    """Return what a rank has found, and the rounds in its output."""
     rounds: list[int] = []
 
     def perform() -> dict[str, int]:

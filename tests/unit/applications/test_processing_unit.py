@@ -448,7 +448,7 @@ def test_a_loop_without_end_keeps_nobody_waiting(
                 outcome = qubit.measure()
             unit.setblocking(False)
             said = unit.recv(1 << 16)
-            # Who is there, and that an application has begun; the circle still turns.
+            # The hosts that are up, and the begin of an application; the circle still turns.
             assert [*calls(said)] == [Call.DONE, Call.DATA]
         return int(outcome)
 

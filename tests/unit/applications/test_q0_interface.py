@@ -39,7 +39,7 @@ IDLE_S = 0.5
 
 
 class Kernel:
-    """What a TUN device is to a program."""
+    """A TUN device, as a program sees it."""
 
     def __init__(self) -> None:
         self.sends: queue.SimpleQueue[bytes] = queue.SimpleQueue()
@@ -254,7 +254,7 @@ def test_a_packet_that_its_sender_may_not_send_here_reaches_nobody(tmp_path: Pat
 
 
 def test_a_queue_takes_no_more_than_it_may(tmp_path: Path) -> None:
-    """Who sends faster than light can has to wait: nothing is dropped, and all comes in order."""
+    """A sender that is faster than its light waits: nothing is dropped, and all comes in order."""
 
     def work(scene: Scene) -> None:
         count = 2 * MOST_QUEUED_BYTES // MTU

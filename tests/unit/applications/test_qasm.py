@@ -1,4 +1,4 @@
-"""OpenQASM 2.0 as users write it, and what is said of programs that are wrong."""
+"""OpenQASM 2.0 as users write it, and the errors of wrong programs."""
 
 import math
 from contextlib import suppress

@@ -86,7 +86,7 @@ def test_each_heralded_link_has_a_station_of_its_own() -> None:
 
 def test_a_host_that_makes_pairs_itself_is_no_station() -> None:
     discovered, hosts = line(1)
-    assert not is_station(discovered, hosts[1])  # it says nothing of what it can
+    assert not is_station(discovered, hosts[1])  # it does not announce its features
     discovered.attach(
         SwitchPort(9, 1), HostPort("x", "10.0.9.9", "x-q0", NodeFeatures(EVERYTHING, 1))
     )

@@ -60,7 +60,7 @@ def ask(state: Arbiter, seq: int = A, ack: int = B, now: float = 0.0) -> list[Ac
 
 
 def opened(state: Arbiter) -> Arbiter:
-    """Let alice have her session."""
+    """Open alice's session."""
     accept(state)
     (action,) = ask(state)
     assert isinstance(action, OpenPaths)

@@ -63,7 +63,7 @@ def bb84(session: int, wavelength_pm: int = ANY_WAVELENGTH) -> Setup:
 
 
 def ask(state: Arbiter, setup: Setup, ends: tuple[str, str], now: float = 0.0) -> list[Action]:
-    """Ask, and let switches do what they are told."""
+    """Ask, and let switches do as the controller says."""
     ports = {"sport": 40_000 + setup.session, "source": ends[0], "destination": ends[1]}
     sent = frame(replace(setup, source=ends[0]).encode(), **ports)  # type: ignore[arg-type]
     return obeyed(state, state.segment_arrived(S1, 1, sent, now), now)
@@ -160,7 +160,7 @@ ALICE, BOB, CHARLIE = "10.0.0.1", "10.0.0.2", "10.0.0.3"
 
 
 def both_ways(count: int) -> Arbiter:
-    """Return an arbiter of three hosts, each with two fibres of so many channels."""
+    """Return an arbiter of three hosts, each with two fibres of this number of channels."""
     network = Network({Q1})
     names = {"alice": ALICE, "bob": BOB, "charlie": CHARLIE}
     for place, (name, address) in enumerate(names.items()):

@@ -77,7 +77,7 @@ def opened(actions: list[Action]) -> list[OpenPaths]:
 
 
 def ready(state: Arbiter, actions: list[Action], now: float = 0.0) -> list[Action]:
-    """Let every switch do what it was told."""
+    """Let every switch do as the controller says."""
     done = [state.barrier_passed(a.dpid, a.transaction, now) for a in opened(actions)]
     return [action for part in done for action in part]
 
@@ -351,7 +351,7 @@ def test_a_pair_may_wait_for_the_light_of_another_session() -> None:
 
 
 class FlowTables:
-    """What the switches do with the arbiter's actions: each hop, and whose it is."""
+    """The effect of the arbiter's actions on switches: each hop, and whose it is."""
 
     def __init__(self, state: Arbiter) -> None:
         self.state = state
@@ -439,7 +439,7 @@ def restarted(tables: FlowTables, now: float) -> Arbiter:
 def test_many_sessions_at_once_never_share_light(queues: bool) -> None:
     """Set-ups, ends, cuts and restarts of the controller in random order.
 
-    What the switches hold is what is accounted.
+    The switches hold exactly what is accounted.
     """
     draw = random.Random(5)
     network = ring_of_triples(draw, 8)

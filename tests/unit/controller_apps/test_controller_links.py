@@ -120,7 +120,7 @@ def test_ports_of_a_large_network_speak_a_few_at_a_time_and_seldom() -> None:
         times[at] += 1
     most = LEAST_AT_ONCE + 0.2 * ANNOUNCEMENTS_PER_S
     assert max(map(len, steps)) <= most
-    # Two minutes have so many periods, the first of which ends whenever it is a port's turn.
+    # The number of periods in two minutes, the first of which ends whenever it is a port's turn.
     periods = 120 / (len(ports) / ANNOUNCEMENTS_PER_S)
     assert set(times.values()) <= {int(periods), int(periods) + 1}
 
@@ -166,7 +166,7 @@ def test_a_silent_link_is_noticed_as_soon_beside_many_hosts() -> None:
 
 
 def test_a_link_lasts_as_long_as_ports_were_to_be_silent_when_hosts_come_late() -> None:
-    """A port that was told to wait for longer than a small network's may do so."""
+    """A port that has to wait for longer than a small network's may do so."""
     found = joined()
     ports = [SwitchPort(3, port) for port in range(10, 1010)]
     for at in ports:

@@ -1,4 +1,4 @@
-"""Who gave light back last, of what another session is given after it has waited."""
+"""The session that gave back the light for which another has waited."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Routes of keys over links that hosts have told of, against an enumeration of all of them."""
+"""Routes of keys over links that hosts have reported, against an enumeration of all of them."""
 
 import random
 from itertools import pairwise, permutations

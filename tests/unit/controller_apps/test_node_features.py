@@ -35,7 +35,7 @@ def without(feature: Feature) -> NodeFeatures:
 
 
 def announced(told: dict[str, NodeFeatures | None]) -> Network:
-    """Return the network of three hosts, of which these have told what they can do."""
+    """Return the network of three hosts, of which these have announced their features."""
     found = Network({Q1})
     for port, host in FIBERS.items():
         node_features = told.get(host.address, ABLE)

@@ -96,7 +96,7 @@ def test_a_new_policy_holds_for_the_next_pair(limit: str) -> None:
 
 
 def test_a_session_has_a_number_of_its_opener() -> None:
-    """Who took the number that another is about to use would keep it out of its own session."""
+    """A host that takes the next number of another would keep it out of its own session."""
     own, anothers = session_number(ALICE, 1), session_number(CHARLIE, 1)
     for number, reason in ((anothers, Reason.NOT_ALLOWED), (7, Reason.NOT_ALLOWED), (own, None)):
         assert refused(ask(under("", "")[0], replace(FRAMED, session=number))) == reason

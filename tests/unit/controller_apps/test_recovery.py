@@ -83,7 +83,7 @@ def kept(setup: Setup = FRAMED, rotation: int = 0, seen: float = 0.0, source: bo
 
 
 def successor(*data: bytes, now: float = RESTART, switches: bool = True) -> Arbiter:
-    """Return a new arbiter that takes over; q1 is here, but has not told its entries."""
+    """Return a new arbiter that takes over; q1 is here, but has not reported its entries."""
     state = arbiter()
     state.recovery.begun = now
     if not switches:
@@ -99,7 +99,7 @@ def ticked(state: Arbiter, now: float) -> list[Action]:
 
 
 def confirmed() -> Arbiter:
-    """Return a successor whose switches have told that they still have all of a session."""
+    """Return a successor whose switches have reported that they still have all of a session."""
     state = successor(kept())
     state.entries_found(Q1, entries())
     state.bypasses_found(S1, [(FRAMED.session, OWNER)])

@@ -1,4 +1,4 @@
-"""A host that is refused light is told which element is in the way, if the policy lets it."""
+"""A host that is refused light hears which element is in the way, if the policy allows that."""
 
 import re
 from dataclasses import replace
@@ -34,7 +34,7 @@ def two_switches() -> Network:
 
 
 def refusal(found: Network, setup: Setup = KEYS, names_elements: bool = True) -> tuple[Setup, str]:
-    """Return what the hosts and the operator are told of a set-up."""
+    """Return the messages of a set-up to the hosts and the operator."""
     state = Arbiter(found, 5.0, 30.0)
     state.follow(replace(UNFILTERED, names_elements=names_elements))
     segment = frame(setup.encode(), sport=40_000, source=ALICE, destination=BOB)

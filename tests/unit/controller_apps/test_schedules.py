@@ -1,4 +1,4 @@
-"""Who swaps when: every repeater once, in the order that its scheme has."""
+"""The order of swaps: every repeater once, as its scheme says."""
 
 from math import ceil, log2
 

@@ -14,7 +14,7 @@ DEAD, HERE, Q1 = "dead", "main", 0x1001
 
 @dataclass(eq=False)
 class Connection:
-    """What the frameworks know of one."""
+    """A switch as the frameworks know it."""
 
     address: tuple[str, int] = ("127.0.0.1", 40000)
     user: int | None = 0

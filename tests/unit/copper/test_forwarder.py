@@ -120,7 +120,7 @@ def test_software_gets_bytes_of_tcp_after_its_time_and_the_kernel_the_rest_at_on
 
 
 def test_messages_that_are_handled_at_once_come_in_order_at_different_instants() -> None:
-    """What gathers all of one instant and sorts it would else change their order."""
+    """Else their order could be changed where all of one instant is gathered and sorted."""
     software = Software("9ns", "")
     assert [software.handled_ns(arrived_ns) for arrived_ns in (1, 1, 3)] == [10, 11, 12]
 

@@ -77,7 +77,7 @@ class JumpingClock:
 
 
 class ManualClock(JumpingClock):
-    """A clock that goes when it is told to."""
+    """A clock that the test moves."""
 
     def __init__(self) -> None:
         """Begin at START_NS, with nobody waiting."""
@@ -94,7 +94,7 @@ class ManualClock(JumpingClock):
             self.waiting -= 1
 
     async def waiters(self, count: int) -> None:
-        """Return once so many wait for the clock."""
+        """Return once a number of callers wait for the clock."""
         async with asyncio.timeout(SOON_S), self._changed:
             await self._changed.wait_for(lambda: self.waiting >= count)
 

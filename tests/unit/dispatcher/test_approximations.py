@@ -180,7 +180,7 @@ def test_several_pairs_are_a_share_of_what_a_bell_measurement_tells(passes: floa
 
 
 def test_what_is_wrong_of_outcomes_bounds_every_share_of_them() -> None:
-    """All ways in which 3 wrong pulses can turn out, beside 4 right ones that are told."""
+    """All ways in which 3 wrong pulses can turn out, beside 4 right ones that are announced."""
     told = np.array([1, 1, 1, 1, 1, 0, 0, 0], dtype=bool)
     wrong = np.array([0, 0, 0, 0, 1, 1, 1, 0], dtype=bool)
     (most,) = of_outcomes(CROWD, wrong, told).sizes.values()

@@ -106,7 +106,7 @@ def test_published_closed_forms_are_that_mean(a: float, b: float) -> None:
 
 @pytest.mark.parametrize("visibility", [1.0, 0.6])
 def test_equal_photons_of_unequal_time_or_colour_tell_psi_minus(visibility: float) -> None:
-    """|++> is half Psi+ and half Phi+; photons that can be told apart go where they like."""
+    """|++> is half Psi+ and half Phi+; distinguishable photons go where they like."""
     single = PairSource(), PairSource()
     outcomes, _ = asyncio.run(meet(single, constant(2, 2), visibility=visibility))
     both = ARRIVES**2
@@ -116,7 +116,7 @@ def test_equal_photons_of_unequal_time_or_colour_tell_psi_minus(visibility: floa
 
 
 def test_an_output_that_is_told_wrongly_makes_psi_minus_of_psi_plus() -> None:
-    """|++> is told as Psi+ alone; with an error e of either detector as Psi- with 2 e (1 - e)."""
+    """|++> is read as Psi+ alone; with an error e of either detector as Psi- with 2 e (1 - e)."""
     error = 0.05
     single = PairSource(), PairSource()
     detectors = Detectors(readout_error=error)
@@ -166,7 +166,7 @@ def test_pulses_of_unlike_photons_mark_the_result() -> None:
 
 
 def test_halves_of_pairs_are_swapped_where_psi_is_told() -> None:
-    """Half of the pairs; what is left at both ends is in the Bell state that was told."""
+    """Half of the pairs; the rest at both ends is in the heralded Bell state."""
     relay = {"charlie": Device(analyser=BellAnalyser("beam-splitter"))}
     laboratory = Laboratory(configuration(1, [fiber(*way) for way in TO_RELAY], relay))
     alice, bob, charlie = (laboratory.host(name) for name in ("alice", "bob", "charlie"))

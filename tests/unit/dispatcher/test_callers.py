@@ -1,4 +1,4 @@
-"""Who calls the dispatcher over a network: proof for each call, and no token on the wire."""
+"""Callers of the dispatcher over a network: proof for each call, and no token on the wire."""
 
 from collections.abc import Awaitable, Callable
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Every setting of devices, fibres and switches acts: at an extreme something is told otherwise.
+"""Every setting of devices, fibres and switches acts: at an extreme an outcome changes.
 
 Each case is a job in the laboratory that should feel the setting, and others that it depends on.
 Times, refusals and approximations count as told. Which effect is the right one other tests say.
@@ -49,14 +49,14 @@ class Flip:
 
 @dataclass
 class Job:
-    """A laboratory, and what its hosts are told."""
+    """A laboratory, and the feedback to its hosts."""
 
     laboratory: Laboratory
     light: dict[str, Any]  # of send
     told: list[object] = field(default_factory=list)
 
     def note(self, feedback: Feedback | None) -> None:
-        """Keep all that a host is told: when, whether that is exact, and outcomes."""
+        """Keep all feedback to a host: when, whether that is exact, and outcomes."""
         self.told.append(str(feedback))
 
     async def send(self, host: str, launches: dict[tuple[int, int], str]) -> None:
@@ -309,7 +309,7 @@ def device(settings: Settings, host: str) -> Device:
 
 
 def told(act: Act, settings: Settings) -> list[object]:
-    """Return what the hosts of a job are told, and what ends it."""
+    """Return the feedback to the hosts of a job, and the reason of its end."""
     optics = of(settings, "fiber")
     ways = [
         (FiberEnd(end.partition("-")[0], end), FiberEnd("q1", str(n))) for n, end in PORTS.items()

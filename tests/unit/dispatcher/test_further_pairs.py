@@ -1,4 +1,4 @@
-"""Pulses of several pairs against an enumeration of what comes of each; 5 sigma, the seed is 1."""
+"""Pulses of several pairs against an enumeration of outcomes; 5 sigma, the seed is 1."""
 
 from collections.abc import Awaitable, Callable
 from itertools import product

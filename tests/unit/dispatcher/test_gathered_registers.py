@@ -1,4 +1,4 @@
-"""Qubits that are counted anew stay what they were: random experiments with stim as the judge."""
+"""Qubits with new numbers stay what they were: random experiments with stim as the judge."""
 
 from itertools import count
 
@@ -46,7 +46,7 @@ class Experiment:
             self.judge.cx(a, b)
 
     def draws(self, size: int) -> PhotonDraws:
-        """Return what a measurement of so many qubits draws."""
+        """Return the random numbers of a measurement of qubits."""
         return PhotonDraws.given(self.random.integers(0, 2, size, dtype=np.uint8))
 
     def any(self) -> Register:

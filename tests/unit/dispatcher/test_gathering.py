@@ -151,7 +151,7 @@ def test_the_new_block_may_have_the_name_of_one_that_it_is_made_of() -> None:
 
 
 def test_photons_that_are_let_go_draw_no_numbers_that_others_draw_too() -> None:
-    """What is let go looks random to the partners: twice the same numbers would show."""
+    """Released qubits look random to the partners: twice the same numbers would show."""
 
     async def act(laboratory: Laboratory) -> None:
         await share(laboratory, 0)

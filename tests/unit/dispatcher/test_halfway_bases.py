@@ -1,6 +1,6 @@
 """Measurements halfway between Z and X, within 5 standard errors; the seed is 1.
 
-(Z+X)/sqrt 2 is told of |0> with cos^2(pi/8), and agrees with Z of the other half of Phi+ as often.
+(Z+X)/sqrt 2 is read of |0> with cos^2(pi/8), and agrees with Z of the other half of Phi+ as often.
 """
 
 from collections.abc import Awaitable, Callable

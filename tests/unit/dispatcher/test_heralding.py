@@ -70,7 +70,7 @@ def split(mode: str, efficiency: float, visibility: float) -> list[tuple[str, fl
 
 
 def clicks(modes: Modes, bins: list[str], dark: float) -> dict[int, float]:
-    """Return how likely photons in these modes are told as Psi+ (1) or Psi- (3)."""
+    """Return how likely photons in these modes are heralded as Psi+ (1) or Psi- (3)."""
     bell_states: dict[int, float] = defaultdict(float)
     for pattern in product("cd", repeat=len(bins)):  # the one that clicks in each bin
         chance = 1.0
@@ -141,7 +141,7 @@ def test_heralds_are_those_of_a_simulation_in_fock_space(
 
 
 def one_click(photons: int, dark: float, visibility: float) -> float:
-    """Return how likely exactly one of two detectors clicks, with so many photons in their mode."""
+    """Return how likely exactly one of two detectors clicks, with photons in their mode."""
     lit = {0: {(0, 0): 1.0}, 1: {(1, 0): 1.0}}.get(photons)
     lit = lit or {(1, 0): (1 + visibility) / 2, (1, 1): (1 - visibility) / 2}
     chance = 0.0
@@ -187,7 +187,7 @@ def test_all_chances_of_unlike_hosts_are_those_of_an_enumeration(
 
 
 def fidelity(scheme: str, heralds: Heralds, visibility: float, right: bool) -> float:
-    """Return how like the Bell state that was told, or its opposite, pairs are."""
+    """Return how like the heralded Bell state, or its opposite, pairs are."""
     entangled, _00, one, other, _11 = heralds.chances
     wrong = float(phase_wrong(scheme, heralds, visibility))
     kept = 1 - wrong if right else wrong
@@ -248,7 +248,7 @@ def scene(
 async def heralded(
     laboratory: Laboratory, count: int, timeout_s: float = 60.0
 ) -> tuple[NDArray[np.uint8], int, float]:
-    """Herald pairs; return what was told, the attempts, and how long it took."""
+    """Herald pairs; return the Bell states, the attempts, and how long it took."""
     await laboratory.host("alice").attempt((0, 0), "alice-q0")
     await laboratory.host("bob").attempt((0, 1), "bob-q0")
     station = laboratory.host("charlie")
@@ -260,7 +260,7 @@ async def heralded(
 async def correlations(
     laboratory: Laboratory, bell_states: NDArray[np.uint8]
 ) -> dict[str, tuple[int, int]]:
-    """Return how often outcomes are as those of the pairs told, by basis, and of how many."""
+    """Return how often outcomes are those of the heralded pairs, by basis, and of how many."""
     alice, bob = laboratory.host("alice"), laboratory.host("bob")
     size, right = bell_states.size, {}
     bases = (np.arange(size) % 3).astype(np.uint8)
@@ -367,7 +367,7 @@ def test_dark_counts_herald_pairs_that_are_none(scheme: str) -> None:
 
 
 def test_bits_of_unlike_hosts_are_their_own() -> None:
-    """What is found in Z, (0, 0) to (1, 1), where a tenth of alice's light comes.
+    """Outcomes in Z, (0, 0) to (1, 1), where a tenth of alice's light comes.
 
     By the enumeration; entangled ones are Bell states, an approximation where arms are unequal.
     """
@@ -557,7 +557,7 @@ def test_clicks_that_are_too_far_apart_are_no_coincidence() -> None:
 
 
 def test_noise_of_one_s_own_of_a_station_s_detectors_is_in_its_heralds(tmp_path: Path) -> None:
-    """Of .3 nothing is told, and of .1 the other phase."""
+    """Of .3 nothing is heralded, and of .1 the other phase."""
     (tmp_path / "some.py").write_text(SOME)
     parameters = {"lost": 0.3, "flipped": 0.1}
     detectors = Detectors(noise=f"{tmp_path}/some.py:Some", noise_parameters=parameters)
@@ -576,7 +576,7 @@ def test_noise_of_one_s_own_of_a_station_s_detectors_is_in_its_heralds(tmp_path:
 @pytest.mark.parametrize(
     ("scheme", "detectors", "modes", "share"),
     [
-        # The detector sees alpha eta of all modes: so many clicks are in the time of two rounds.
+        # The detector sees alpha eta of all modes: these clicks are in the time of two rounds.
         (SINGLE, Detectors(dead_time_s=2.5 * 2 * 10_000 / M_PER_S), 1, 2 * 0.1 * LITTLE),
         (SINGLE, Detectors(dead_time_s=1e-8), 1, None),  # over when the next attempt is
         (SINGLE, Detectors(dead_time_s=1e-8), 100, 100 * 0.1 * LITTLE),
@@ -664,7 +664,7 @@ def test_light_of_one_arm_that_comes_late_tells_where_it_came_from(
 
 
 def test_light_of_attempts_meets_no_kraus_operators() -> None:
-    """What they do to heralds is not modelled: refused, not left out."""
+    """Their effect on heralds is not modelled: refused, not left out."""
 
     async def act(laboratory: Laboratory) -> None:
         with pytest.raises(BadConfig, match=r"fibre to 1 of q1: light of heralded attempts cannot"):

@@ -76,7 +76,7 @@ def test_a_seed_gives_the_same_event_log_again(tmp_path: Path) -> None:
 
 
 class Stream:
-    """What a watcher is told, event by event."""
+    """The stream of a watcher, event by event."""
 
     def __init__(self, call: Any) -> None:
         self._call = call

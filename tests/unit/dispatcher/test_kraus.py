@@ -343,7 +343,7 @@ def test_gates_of_a_bell_measurement_let_its_qubits_meet_it_behind_each(model: s
 
 
 def test_detectors_tell_a_one_as_a_zero_in_any_basis(model: str) -> None:
-    """They act on what is told: 1 is read as 0 with .3, and 0 never as 1."""
+    """They act on readings: 1 is read as 0 with .3, and 0 never as 1."""
     states = np.tile(np.arange(6, dtype=np.uint8), COUNT)  # |0> |1> |+> |-> |+i> |-i>
 
     async def run(laboratory: Laboratory) -> None:

@@ -182,7 +182,7 @@ async def cut_in_the_middle(bench: Bench, clock: ManualClock, *then: tuple[int, 
 
 
 async def first_part_at(bench: Bench, port: str) -> None:
-    """Return when a part of the block has come to a port, and whoever waits for it could know."""
+    """Return when a part of the block has come to a port, and those that wait for it could know."""
     async with asyncio.timeout(SOON_S):
         while True:
             parts = bench.layer.ownership.parts(BlockName(7, 0, 0))

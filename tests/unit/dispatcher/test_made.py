@@ -48,7 +48,7 @@ async def taken_apart(laboratory: Laboratory) -> None:
 
 
 async def refusal(action: Awaitable[object]) -> str:
-    """Return what somebody is told who tries something."""
+    """Return the reply to a request."""
     try:
         await action
     except Refusal as refused:
@@ -57,7 +57,7 @@ async def refusal(action: Awaitable[object]) -> str:
 
 
 def heard(config: DispatcherConfig, far: Far, port: str, later_ns: int) -> list[str]:
-    """Return what alice is told of a name and of her share, after what happens far away."""
+    """Return the replies to alice about a name and her share, after events far away."""
 
     async def ask() -> list[str]:
         laboratory = await sent(config, far, port)

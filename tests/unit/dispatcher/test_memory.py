@@ -86,7 +86,7 @@ def outcomes_after(folder: Path, waited_s: float, count: int, **memory: object) 
 
 
 def counts(feedback: Feedback) -> list[int]:
-    """Return how many pairs were told to be in each Bell state."""
+    """Return how many pairs were measured in each Bell state."""
     outcomes = np.frombuffer(feedback.outcomes, np.uint8)
     return [int(np.count_nonzero(outcomes == state)) for state in range(4)]
 
@@ -298,7 +298,7 @@ def test_a_memory_that_emits_keeps_its_own_halves_and_no_light_from_elsewhere(
         ) as no:
             await store(bench.alice, 1)
         assert no.value.code() == grpc.StatusCode.FAILED_PRECONDITION
-        await bench.alice.measure(block(0, 1))  # nothing has changed: it is there still
+        await bench.alice.measure(block(0, 1))  # nothing has changed: it is still stored
         await bench.alice.create(10, number=1)
         await store(bench.alice, 0, number=1)
 

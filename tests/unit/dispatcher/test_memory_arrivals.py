@@ -36,7 +36,7 @@ def between(act: Callable[[Laboratory], Awaitable[None]], **devices: Device) -> 
 
 
 def agree(probabilities: Iterable[float], agreeing: int, trials: int) -> bool:
-    """Return whether a count agrees with the mean of so many probabilities."""
+    """Return whether a count agrees with the mean of a number of probabilities."""
     return within(agreeing, trials, float(np.mean(list(probabilities))))
 
 
@@ -45,7 +45,7 @@ async def share(laboratory: Laboratory, number: int) -> None:
     alice, bob = laboratory.host("alice"), laboratory.host("bob")
     await alice.create(PAIRS, number)
     await alice.store((number, 0))
-    await laboratory.wait(10.0)  # before the source is told to emit: there are no pairs yet
+    await laboratory.wait(10.0)  # before the source has to emit: there are no pairs yet
     await alice.send({(number, 1): "alice-q0"}, RATE_HZ)
     await bob.receive((number, 1), "bob-q0")
     await bob.store((number, 1))
@@ -203,7 +203,7 @@ def test_the_half_that_its_source_keeps_has_waited_stored_or_not(stored: bool) -
 
 
 def test_who_asks_while_light_comes_has_kept_what_came_before() -> None:
-    """Asked when half is there: the first photons wait until then, the others are as they come."""
+    """Asked when half has come: the first photons wait until then, the others are as they come."""
     waits_s = np.maximum(WAITS_S - WAITS_S[PAIRS // 2], 0)
     passes = np.where(np.arange(PAIRS) < PAIRS // 2, 0.8, 1.0)
 

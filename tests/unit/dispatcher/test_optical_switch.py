@@ -28,7 +28,7 @@ from wire.optical import DEFAULT_FREQUENCY_MHZ
 
 GRID_MHZ = 50_000
 OPEN_NS = START_NS + 101  # the switch has switched
-AT_SWITCH_NS = OPEN_NS + DELAY_NS  # the first photon is there
+AT_SWITCH_NS = OPEN_NS + DELAY_NS  # the first photon has arrived
 
 
 def play(config: DispatcherConfig, scene: Callable[[Bench], Awaitable[None]]) -> None:

@@ -425,7 +425,7 @@ def test_an_order_that_is_cancelled_while_it_is_answered_is_not_repeated() -> No
 
 
 class Lights:
-    """A host whose light comes when it is told so, and the outcomes that it hears."""
+    """A host whose light comes when the test says so, and the outcomes that it hears."""
 
     def __init__(self) -> None:
         self.here, self.landed, self.outcomes = asyncio.Event(), asyncio.Event(), list[Outcome]()
@@ -441,7 +441,7 @@ class Lights:
         self.outcomes.append(outcome)
 
     async def orders(self, turns: int) -> AsyncIterator[Order]:
-        """Wait for light and send it on; say so many turns of the loop later that it is lost."""
+        """Wait for light and send it on; report turns of the loop later that it is lost."""
         yield Order(number=1, steps=[receive("alice-q0"), send((0, "alice-q0"))])
         for _turn in range(turns):
             await asyncio.sleep(0)

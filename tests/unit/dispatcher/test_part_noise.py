@@ -162,7 +162,7 @@ def test_gates_of_a_bell_measurement_err_as_their_model_says(
 
 
 def test_who_resends_meets_the_noise_of_its_detectors_too(model: str) -> None:
-    """Of |0> measured in Z, .2 is told and sent on as |1>, and .3 is missed: nothing is sent."""
+    """Of |0> measured in Z, .2 is read and sent on as |1>, and .3 is missed: nothing is sent."""
 
     async def act(laboratory: Laboratory) -> None:
         alice = laboratory.host("alice")
@@ -172,7 +172,7 @@ def test_who_resends_meets_the_noise_of_its_detectors_too(model: str) -> None:
         assert within(int((told == 1).sum()), COUNT, 0.7 * 0.2)
         [sent] = laboratory.layer.ownership.of_session("alice", SESSION)
         np.testing.assert_array_equal(sent.register.present, told != NO_CLICK)
-        again = await alice.measure((0, 0))  # which errs anew
+        again = await alice.measure((0, 0))  # which errs again
         there = again != NO_CLICK
         assert within(int((told != again)[there].sum()), int(there.sum()), 0.2)
 
@@ -181,7 +181,7 @@ def test_who_resends_meets_the_noise_of_its_detectors_too(model: str) -> None:
 
 
 def test_detectors_err_and_miss_as_their_model_says(model: str) -> None:
-    """Of Phi+ X is told as Psi+, and what is lost is no coincidence."""
+    """X on Phi+ is read as Psi+, and lost photons are no coincidence."""
 
     async def act(laboratory: Laboratory) -> None:
         alice = laboratory.host("alice")

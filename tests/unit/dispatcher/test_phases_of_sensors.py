@@ -74,7 +74,7 @@ def test_a_phase_is_no_gate_and_has_none_of_its_noise() -> None:
 
 
 def test_probes_that_are_made_here_are_read_with_the_errors_of_gates() -> None:
-    """A bit told wrongly with r leaves 1 - 2 r of the fringe; detectors count light alone."""
+    """A bit read wrongly with r leaves 1 - 2 r of the fringe; detectors count light alone."""
     wrong = Device(gates=Gates(readout_error=0.1), detectors=Detectors(readout_error=0.5))
     hosts = laboratory(alice=wrong)
 

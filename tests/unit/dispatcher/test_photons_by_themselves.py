@@ -1,6 +1,6 @@
 """Photons of one pulse are lost and err each by itself: 5 sigma, the seed is 1.
 
-A Poisson pulse of mean m in a known state, whose photons are each told wrongly with e: either of
+A Poisson pulse of mean m in a known state, whose photons are each read wrongly with e: either of
 two detectors sees Poisson light, of m(1 - e) and m e. Where both click, the bit is a random one. Of
 pulses that are seen this is wrong (`wrong`):
 
@@ -34,7 +34,7 @@ FLIP, FLIP_OLD, LOSE = (f"{__file__}:{name}" for name in ("Flip", "FlipOld", "Lo
 
 
 class Flip:
-    """A model of a user's own: X with some probability, for each photon that it is told of."""
+    """A model of a user's own: X with some probability, for each photon that it is given."""
 
     def __init__(self, flip: float = 0.25) -> None:
         """Flip so often."""
@@ -54,7 +54,7 @@ class FlipOld:
 
 
 class Lose:
-    """A model of a user's own that loses a half of the photons that it is told of."""
+    """A model of a user's own that loses a half of the photons that it is given."""
 
     def effect(self, passage: Passage) -> Effect:
         """Lose each by itself."""
@@ -62,7 +62,7 @@ class Lose:
 
 
 def wrong(error: float, mean: float = MEAN) -> float:
-    """Return which share of the pulses that are seen is told wrongly."""
+    """Return which share of the seen pulses is read wrongly."""
     only = exp(-mean * (1 - error)) - exp(-mean)  # the wrong detector alone
     both = (1 - exp(-mean * (1 - error))) * (1 - exp(-mean * error))
     return (only + both / 2) / (1 - exp(-mean))

@@ -29,7 +29,7 @@ BASES = MeasureRequest.Z, MeasureRequest.X, MeasureRequest.Y
 
 
 class Figures(NamedTuple):
-    """What papers state: attempts a second, probability of one, pairs a second, and fidelity."""
+    """Figures of papers: attempts a second, probability of one, pairs a second, and fidelity."""
 
     attempts_per_s: float
     probability: float
@@ -76,7 +76,7 @@ ENSEMBLE = Figures(
 
 
 class Heralded(NamedTuple):
-    """What pairs took, and how many are as told."""
+    """The time of pairs, and how many are as heralded."""
 
     seconds: float
     attempts: int

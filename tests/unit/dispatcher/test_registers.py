@@ -25,7 +25,7 @@ def bases(size: int, basis: int) -> Bytes:
 
 
 def draws_for(random: Generator, size: int) -> PhotonDraws:
-    """Return what a measurement of so many photons draws."""
+    """Return the random numbers of a measurement of photons."""
     return PhotonDraws.by(random, size)
 
 

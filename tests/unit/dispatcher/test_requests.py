@@ -408,7 +408,7 @@ def test_refused_requests_say_why_and_change_nothing(
             await client.act(request_)
         assert refusal.value.code() == code
         assert await bench.runner.status() == before
-        # What was there is as it was: alice's photons are still hers and still Phi+.
+        # All is as it was: alice's photons are still hers and still Phi+.
         assert (await bench.alice.bell_measure(block(0, 0), block(0, 1))).outcomes == bytes(4)
 
     attempt(tmp_path, action, max_live_qubits=100)
@@ -449,7 +449,7 @@ def test_a_call_without_a_token_is_unauthenticated(tmp_path: Path) -> None:
 
 
 def test_a_block_that_was_sent_belongs_to_its_receiver_alone(tmp_path: Path) -> None:
-    """Who has sent it cannot tell by asking whether its receiver has measured it yet."""
+    """Its sender cannot find out by asking whether its receiver has measured it."""
 
     async def action(bench: Bench) -> None:
         await bench.alice.create(4)

@@ -10,7 +10,7 @@ from wire.dispatcher_pb2 import TellRequest
 
 
 def told(text: str) -> list[tuple[str, str, str]]:
-    """Return the events after alice has told a text."""
+    """Return the events after alice has reported a text."""
     laboratory = Laboratory(DispatcherConfig("", "", 1, {"alice": ""}, [], []))
     uvloop.run(laboratory.act("alice", "tell", TellRequest(text=text)))
     return [(e.node, e.kind, e.detail) for e in laboratory.layer.history._events]

@@ -203,7 +203,7 @@ def test_all_operations_are_dumped(tmp_path: Path) -> None:
     circuit, bits = run(text)
     assert circuit.qubits == 30 * 6  # those of the last block are used again
     assert len(circuit.registers) == len(found)
-    # What is not determined by itself may be so with others: every parity that is, is as found.
+    # A random outcome may be determined with others: every such parity is as found.
     shots = np.concatenate([register(circuit, bits, i) for i in range(len(found))])
     ours = np.concatenate([np.frombuffer(outcome, np.uint8) for outcome in found])
     determined = 0

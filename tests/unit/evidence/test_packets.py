@@ -35,7 +35,7 @@ TOLD = json.loads((catalogue.LABS / "scheduling" / "reference.json").read_text()
 
 
 def two_or_more(slots: int, chance: float) -> float:
-    """Return how likely two of so many slots, or more, have a pair."""
+    """Return how likely at least two of a number of slots have a pair."""
     return 1 - (1 - chance) ** slots - slots * chance * (1 - chance) ** (slots - 1)
 
 

@@ -62,7 +62,7 @@ def test_priorities_wait_as_cobham_says() -> None:
     assert agrees(waits[1], load / ((1 - load) * (1 - urgent)))
     same = told(poisson(load, Random(1)), Queue("fcfs"))
     every = [each.waited_s or 0.0 for each in same if each.asked.priority]
-    assert agrees(every, load / (1 - load))  # M/M/1, whoever they are
+    assert agrees(every, load / (1 - load))  # M/M/1, for any hosts
     assert not agrees(waits[0], load / (1 - load))
 
 

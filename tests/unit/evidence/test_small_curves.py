@@ -54,7 +54,7 @@ def test_pairs_are_handed_over_as_their_sample_lets_expect() -> None:
 
 
 def test_pairs_are_made_for_those_that_are_wanted_and_the_sample() -> None:
-    """Twelve and a sample of 30, 1.05 x 42 + 1 = 45.1: so many are made where all of them come."""
+    """Twelve and a sample of 30, 1.05 x 42 + 1 = 45.1: as are made where all of them come."""
     told = measure("pairs-made", EXPERIMENTS["pairs-made"].complete({"requests": 3}), SEED)
     assert told["made"] == (46 / 12, 0)
 
@@ -70,7 +70,7 @@ def test_what_is_enumerated_of_pairs_made_is_a_series_where_one_is_wanted() -> N
 
 
 def test_a_memory_heralds_what_has_come_and_what_has_not() -> None:
-    """Of a tenth that comes .8, and of the rest a hundredth: .089, of which .08 is there."""
+    """Of a tenth that comes .8, and of the rest a hundredth: .089, of which .08 are photons."""
     given: Values = {"loss_db": 10.0, "herald_efficiency": 0.8, "false_herald": 0.01}
     told = measure("memory-heralds", complete("memory-heralds", given), SEED)
     assert abs(told["heralded"][0] - 0.089) < 5 * sqrt(0.089 / PAIRS)
@@ -130,7 +130,7 @@ def test_conference_keys_over_distance(hosts: int, km: float) -> None:
     pairs, qber = 200_000, 1 - alike / gain
     given: Values = {"hosts": hosts, "length_km": km, "pairs": pairs}
     found = measure("conference-distance", complete("conference-distance", given), SEED)
-    slack = 1e-5 * gain  # of bits that the dark has told in place of a photon
+    slack = 1e-5 * gain  # of bits by dark counts in place of a photon
     assert abs(found["gain"][0] - gain) < 5 * sqrt(gain / pairs) + slack
     for name in ("qber_x", "qber_z"):
         assert abs(found[name][0] - qber) < 5 * sqrt(qber / (gain * pairs / 2)) + slack
@@ -245,7 +245,7 @@ def test_a_relay_tells_as_much_of_heralded_pairs_as_gaussian_states_say(
 ) -> None:
     """Thermal light is a Gaussian state: no detector of a set clicks with 1/det(1 + e N).
 
-    N is the coherency of its modes. What a herald misses is thermal light, too, and let out is not.
+    N is the coherency of its modes. Missed heralds are of thermal light, too; others are not.
     """
     share = 1 / (1 + 0.2 * heralding)
     parts = [(1.0, 0.2)]
@@ -308,7 +308,7 @@ CLICKS = {"Psi+": ((0, 1), (2, 3)), "Psi-": ((0, 3), (2, 1))}
 def relayed(
     seen: float, zero: tuple[float, float], one: tuple[float, float], differ: dict[str, int]
 ) -> tuple[float, float]:
-    """Return how likely a state is told, and with bits that do not differ as they should there.
+    """Return how likely a state is heralded, and with bits that do not differ as they should there.
 
     Of pulses of `seen` photons in these amplitudes of H and V; MISALIGNED of the right are wrong,
     and of the wrong right. The phase between pulses is anything.

@@ -106,7 +106,7 @@ def test_known_points_are_not_measured_again(
 ) -> None:
     header, first, second, third = (swept / "teleport.csv").read_text().splitlines(keepends=True)
     cells = first.split(",")
-    known = ",".join([*cells[:3], "0.123", *cells[4:]])  # what no measurement would give
+    known = ",".join([*cells[:3], "0.123", *cells[4:]])  # values that no measurement gives
     table = tmp_path / "teleport.csv"
     table.write_text(header + known + second[:9])  # as a killed sweep leaves it
     assert run("sweep", "teleport", *POINTS, *scheduler, "--out", str(tmp_path)) == 0

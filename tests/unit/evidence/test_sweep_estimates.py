@@ -9,7 +9,7 @@ from evidence.curves.estimates import Estimate, information, mean, proportion, r
 from evidence.curves.theory import capacity
 
 SEED = 5
-REPEATS = 400  # the spread of so many is known to 3.5 %; the bound is 5 times that
+REPEATS = 400  # the spread of these is known to 3.5 %; the bound is 5 times that
 
 
 def test_the_error_of_a_proportion_is_its_spread() -> None:

@@ -176,7 +176,7 @@ def test_every_choice_can_be_typed_beside_others() -> None:
 
 
 def test_units_are_those_of_the_field() -> None:
-    """PMD is told in ps/sqrt km, dispersion in ps/(nm km): ITU-T G.650.2 and G.650.1."""
+    """PMD is given in ps/sqrt km, dispersion in ps/(nm km): ITU-T G.650.2 and G.650.1."""
     units = {parameter.name: parameter.unit for parameter in parameters()}
     assert units["pmd_ps_per_sqrt_km"] == "ps/sqrt km"
     assert units["dispersion_ps_per_nm_km"] == "ps/(nm km)"

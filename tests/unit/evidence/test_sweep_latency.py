@@ -1,4 +1,4 @@
-"""Fidelity over a latency that was measured: theory is told that, wherever it is compared."""
+"""Fidelity over a measured latency, which theory takes, wherever it is compared."""
 
 import csv
 import math

@@ -131,7 +131,7 @@ def test_erlang_s_formulas_are_what_the_balance_equations_give(load: float, chan
     terms = [load**n / factorial(n) for n in range(channels + 1)]
     assert erlang_b(load, channels) == pytest.approx(terms[-1] / sum(terms))
     assert erlang_b(load, channels) == pytest.approx(stationary(load, channels, channels)[-1])
-    chain = stationary(load, channels, 1500)  # in which so many wait as good as never
+    chain = stationary(load, channels, 1500)  # in which that number wait as good as never
     assert erlang_c(load, channels) == pytest.approx(chain[channels:].sum())
     waiting = sum(n * share for n, share in enumerate(chain[channels:]))
     assert mean_wait(load, channels, 0.2) == pytest.approx(waiting / load * 0.2)  # Little

@@ -15,7 +15,7 @@ def convolved(one: Bell, other: Bell) -> Bell:
 
 
 def dephased(waits: float) -> Bell:
-    """Return the pair Phi+ whose halves have waited so many times T2, added up."""
+    """Return the pair Phi+ whose halves have waited a multiple of T2, added up."""
     flipped = (1 - exp(-waits)) / 2
     return 1 - flipped, 0.0, flipped, 0.0
 

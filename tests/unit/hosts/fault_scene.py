@@ -64,7 +64,7 @@ Sockets = dict[str, StackSocket]
 
 @dataclass(frozen=True)
 class Told:
-    """What an application is told in the end."""
+    """The result of a session for an application."""
 
     error: QuantumSocketError | None
     summary: Fields
@@ -126,7 +126,7 @@ def _under_way(stacks: Stacks) -> list[str]:
 def session(
     folder: Path, service: str, sockets: Sockets | None = None, **options: Any
 ) -> tuple[Told, Told]:
-    """Have a session of a service between alice and bob; return what both are told.
+    """Have a session of a service between alice and bob; return both results.
 
     Their sockets can be found in `sockets` meanwhile.
     """

@@ -1,4 +1,4 @@
-"""Services of lines of hosts between whole stacks: what each host's application is told."""
+"""Services of lines of hosts between whole stacks: the result of each host's application."""
 
 import asyncio
 from collections.abc import Sequence

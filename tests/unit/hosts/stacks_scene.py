@@ -83,7 +83,7 @@ pytest.MonkeyPatch().setattr(hosts.stack, "session_number", same_number)  # as l
 
 Judge = Callable[[Setup], Setup]
 Ends = tuple[asyncio.StreamReader, asyncio.StreamWriter]
-# What becomes of a message that goes "forth" or "back"; None: cut the connection.
+# The changed form of a message that goes "forth" or "back"; None: cut the connection.
 Changed = Message | None
 Change = Callable[[str, Message], Changed | Awaitable[Changed]]
 Changes = asyncio.Queue[asyncio.Task[Changed] | None]
@@ -130,7 +130,7 @@ def write(writer: asyncio.StreamWriter, data: bytes) -> None:
 
 
 def end(writer: asyncio.StreamWriter) -> None:
-    """Say that no more is said; who has said it before, or is gone, need not."""
+    """End the stream, unless its end has done so, or is gone."""
     if not writer.is_closing():
         with suppress(OSError):
             writer.write_eof()
@@ -141,7 +141,7 @@ async def alter(
 ) -> None:
     """Pass messages on as a person in the middle would like them; end where that one cuts.
 
-    What is held back keeps what comes behind it back no longer than itself.
+    A held message holds those behind it back no longer than itself.
     """
     changes: Changes = asyncio.Queue()
     reading = asyncio.create_task(_read(reader, changes, partial(change, way)))
@@ -179,7 +179,7 @@ async def _changed(change: Changed | Awaitable[Changed]) -> Changed:
 
 
 async def _pass_on(changes: Changes, writer: asyncio.StreamWriter) -> None:
-    """Write what comes of changes, in order; a change to nothing cuts the connection."""
+    """Write the results of changes, in order; a change to nothing cuts the connection."""
     while (coming := await changes.get()) is not None:
         changed = await coming
         if changed is not None:
@@ -267,7 +267,7 @@ async def network(
 ) -> AsyncIterator[Path]:
     """Run everything; the sockets of the stacks are in the folder, the stacks in `stacks`.
 
-    Hosts know what their devices can do, unless they are not told.
+    Hosts know what their devices can do, unless that is left out.
     """
     config = DispatcherConfig(
         listen="127.0.0.1:0",
@@ -469,7 +469,7 @@ def ask(
 
 
 def refusal(folder: Path, service: str, judge: Judge = grant, **options: Any) -> str:
-    """Ask for a service at alice, with nobody at bob; return what alice is told."""
+    """Ask for a service at alice, with nobody at bob; return alice's result."""
 
     def refused() -> str:
         with ServiceSocket(folder / "alice.sock") as asking:

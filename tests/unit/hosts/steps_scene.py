@@ -1,7 +1,7 @@
 """Steps of protocols carried out in lists: no socket, no event loop, and a clock that is a number.
 
-Each end of a connection is a `Wire`: bytes that have come, and whose they are. What the hardware of
-a host does is said by the object that the wire has for it; an operation that was begun is `Flying`.
+Each end of a connection is a `Wire`: bytes that have come, and whose they are. The object that the
+wire has for a host's hardware decides what that does; an operation that was begun is `Flying`.
 Time goes on only when nobody else does.
 """
 
@@ -28,7 +28,7 @@ Failure = SessionError | HardwareError
 
 @dataclass(eq=False)
 class Flying:
-    """An operation under way: over when something has come of it, or with nothing at its time."""
+    """An operation under way: over when it has a result, or without one at its time."""
 
     come: Callable[[], bool]
     outcome: Callable[[], Any]
@@ -41,7 +41,7 @@ class Flying:
         return self.come() or self.given_up or self.cancelled or now_s >= self.until_s
 
     def collected(self) -> Any:
-        """Return what has come of it, None for nothing."""
+        """Return its result, None for none."""
         return self.outcome() if self.come() else None
 
 
@@ -53,10 +53,10 @@ class Wire:
     hardware: Any
     other: "Wire" = field(init=False)
     said: list[Message] = field(default_factory=list)
-    sent: bytearray = field(default_factory=bytearray)  # all that this end has said
+    sent: bytearray = field(default_factory=bytearray)  # all that this end has sent
     read: int = 0  # bytes of what the other has sent
-    arrives: float = inf  # so many of them have come at most, until nobody goes on
-    ends: float = inf  # the other end is gone behind so many
+    arrives: float = inf  # at most this many have come, until nobody goes on
+    ends: float = inf  # the other end is gone after this many
     left: bool = False  # this end has closed it
     mailbox: Mailbox | None = None  # where several hear at a time
 
@@ -191,7 +191,7 @@ class Scene:
             going.over, going.value = True, value
 
     def _outcome(self, going: Going) -> Any:
-        """Return what comes of a task's order, or WAITING."""
+        """Return the result of a task's order, or WAITING."""
         (wire, _steps), order = going.stack[-1], going.order
         late = self.now_s >= going.since_s + getattr(order, "timeout_s", inf)
         match order:

@@ -1,4 +1,4 @@
-"""The sessions of a host: each once in a role, so many at a time, and remembered."""
+"""The sessions of a host: each once in a role, a limited number at a time, and remembered."""
 
 from contextlib import ExitStack
 

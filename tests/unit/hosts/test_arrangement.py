@@ -23,7 +23,7 @@ class Slow:
     """A controller that hears late of the end of a session."""
 
     def __init__(self, late: int) -> None:
-        """Refuse the next requests after the first, so many of them."""
+        """Refuse a number of requests after the first."""
         self.late, self.asked = late, 0
 
     def __call__(self, setup: Setup) -> Setup:

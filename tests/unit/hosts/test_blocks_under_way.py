@@ -176,7 +176,7 @@ class Memory:
         return Stored(np.ones(count, dtype=bool), 1)
 
     async def receive_into_memory(self, name: BlockName, _port: str, _timeout_s: float) -> Stored:
-        """Keep what has come of a block."""
+        """Keep the result of a block."""
         came = await self.world.light(name)
         self.put(name, [None if photon < 0 else photon for photon in came])
         return Stored(np.array(came) >= 0, 1)
@@ -274,7 +274,7 @@ def connection(world: World, setup: Setup, left: Memory, right: Memory) -> tuple
 
 @dataclass
 class Scene:
-    """What a chain has come to."""
+    """The state of a chain."""
 
     world: World
     memories: list[Memory]
@@ -393,7 +393,7 @@ def delivered(memory: Memory) -> list[int | None]:
 
 
 def require_pairs(scene: Scene, count: int) -> None:
-    """Fail unless both ends hold so many pairs Phi+, in one order, and repeaters nothing."""
+    """Fail unless both ends hold this number of pairs Phi+, in one order, and repeaters nothing."""
     alice, *between, bob = scene.memories
     halves = delivered(alice), delivered(bob)
     assert len(halves[0]) == len(halves[1]) == count
@@ -446,7 +446,7 @@ def test_what_memories_drop_of_blocks_under_way_is_made_again(
 ) -> None:
     """Ends count as shared just those pairs that all repeaters have joined, and agree on the rest.
 
-    Whoever dropped which half of a link, and when: what is delivered are halves of one pair.
+    Whichever half of a link was dropped, and when: halves of one pair are delivered.
     """
     dropped = vain = 0
     for seed in range(8):

@@ -104,7 +104,7 @@ def test_messages_may_come_in_pieces_of_one_byte() -> None:
 
 
 async def unanswered(message: Message) -> SessionError:
-    """Return what comes of a request that somebody takes and nobody answers."""
+    """Return the result of a request that is taken and never answered."""
     open_ones: list[asyncio.StreamWriter] = []
     server = await asyncio.start_server(lambda _, writer: open_ones.append(writer), "127.0.0.1", 0)
     async with server:
@@ -133,7 +133,7 @@ def test_of_a_set_up_that_nobody_answers_the_controller_is_asked_for_too(
 
 
 async def broken_off(said: bytes) -> SessionError:
-    """Return what comes of an answer of which only this comes."""
+    """Return the result of an answer of which only this arrives."""
     reader = asyncio.StreamReader()
     reader.feed_data(said)
     reader.feed_eof()
@@ -153,7 +153,7 @@ def test_a_connection_that_ends_is_no_fault_of_the_protocol(said: bytes) -> None
 
 
 async def not_connected(monkeypatch: pytest.MonkeyPatch) -> SessionError:
-    """Return what comes of a connection to a port at which nobody is."""
+    """Return the result of a connection to a port where nobody listens."""
     server = await asyncio.start_server(lambda _reader, writer: writer.close(), "127.0.0.1", 0)
     monkeypatch.setattr(channels, "METADATA_PORT", server.sockets[0].getsockname()[1])
     server.close()

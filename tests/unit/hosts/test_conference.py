@@ -25,7 +25,7 @@ COUNT = 30_000
 
 
 def agreed(folder: Path, **words: Any) -> list[dict[str, Any]]:
-    """Return what all hosts are told, in their order."""
+    """Return the results of all hosts, in their order."""
     physics = words.pop("physics", {})
     return summaries(folder, "conference", LINE, {"count": COUNT, **words}, **physics)
 
@@ -66,7 +66,7 @@ def test_error_rates_are_those_of_the_links_and_the_key_is_as_long_as_they_leave
     ):
         assert abs(found - expected) < 5 * sqrt(expected * (1 - expected) / tests)
         assert abs(tests - 0.1 * alice["states"]) < 5 * sqrt(0.09 * alice["states"])
-    # n (1 - h(Q_X)) less the parities and the hash of 128 bits that are told.
+    # n (1 - h(Q_X)) less the parities and the hash of 128 bits that are sent.
     secret = alice["raw_bits"] * (1 - entropy(alice["qber_x"]))
     assert alice["key_bits"] == int(secret - alice["leaked_bits"] - 128)
     worst = max(alice["qber_z"])
@@ -157,7 +157,7 @@ def test_who_changes_what_is_said_on_the_way_is_found(
 def test_what_states_are_for_is_not_said_before_all_have_proved_that_they_hold_them(
     tmp_path: Path,
 ) -> None:
-    """Who holds charlie's photons could measure those of the key in Z, and pass on the others."""
+    """An eavesdropper could measure charlie's photons of the key in Z, and pass on the others."""
     said = set[int]()
     without_receipt = altered(Topic.RECEIPT, "back")
 

@@ -28,7 +28,7 @@ def scene(cutoff_s: float = float("inf")) -> dict[str, Any]:
 
 
 def test_old_pairs_are_made_again(tmp_path: Path) -> None:
-    """What alice says first of the pairs that she holds comes to bob when his are too old."""
+    """Alice's first message about the pairs that she holds comes to bob when his are too old."""
     held: list[Message] = []
 
     async def hold(message: Message) -> Message:

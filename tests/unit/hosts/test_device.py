@@ -334,7 +334,7 @@ def test_the_agent_takes_orders_for_seals() -> None:
 def test_an_alarm_is_told_at_once_though_the_device_is_at_work(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(node_agent, "CHECK_PERIOD_S", 1000.0)  # after which all else is told
+    monkeypatch.setattr(node_agent, "CHECK_PERIOD_S", 1000.0)  # after which the rest is reported
     device = Device(Fibers())
     watching = replace(SETUP, session=9, service=Service.SEAL)
 

@@ -173,6 +173,6 @@ def test_what_a_memory_loses_is_in_no_pair_and_changes_no_other(tmp_path: Path) 
     physics["devices"] |= {name: Device(memory=memory) for name in ("alice", "bob")}
     options: dict[str, Any] = {"count": COUNT, "sample": SAMPLE, "rounds": 1}
     alice, _bob = ask(tmp_path, "distribute", physics=physics, **options)
-    # Of each two pairs four halves are read out; those measured must all have come of them.
+    # Of each two pairs four halves are read out; those measured must all be of them.
     assert within(alice["survived"], alice["compared"], 0.875556 * 0.8**4)
     assert near(alice, dejmps(werner(0.9))[0])

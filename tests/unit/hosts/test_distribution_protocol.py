@@ -59,7 +59,7 @@ class Host:
     told: list[dict[str, Any]] = field(default_factory=list)
 
     def carry_out(self, order: Effect, other: "Host") -> Any:
-        """Return what comes of an order; WAITING if that is not known yet."""
+        """Return the result of an order; WAITING if that is not known yet."""
         match order:
             case protocol.Say(messages):
                 other.inbox.extend(decode(message.encode()) for message in messages)

@@ -69,7 +69,7 @@ def delivered(folder: Path, **options: Any) -> Iterator[tuple[ServiceSocket, Ser
 
 
 def failed(folder: Path, **options: Any) -> list[QuantumSocketError]:
-    """Ask in vain; return what alice is told and what bob is told."""
+    """Ask in vain; return the results of alice and bob."""
     with two_sockets(folder) as (alice, accepting):
         with pytest.raises(QuantumSocketError) as at_alice:
             list(alice.request("distribute", ("bob", 9), **options))

@@ -1,7 +1,7 @@
 """Keys by pairs with a CHSH test, over loopback; the seed is 1.
 
-Depolarising of p leaves 1 - p of all correlations: S = 2 sqrt 2 (1 - p). Who measures a part f in
-Z or X leaves half of the correlations of these: S = 2 sqrt 2 (1 - f / 2).
+Depolarising of p leaves 1 - p of all correlations: S = 2 sqrt 2 (1 - p). Measuring a part f in Z or
+X leaves half of the correlations of these: S = 2 sqrt 2 (1 - f / 2).
 """
 
 import asyncio
@@ -27,7 +27,7 @@ COUNT = 30_000
 
 
 def e91(folder: Path, judge: Judge = grant, **words: Any) -> list[dict[str, Any]]:
-    """Return what both ends are told; `physics` are words for the fibres."""
+    """Return the results of both ends; `physics` are words for the fibres."""
     physics = {"paths": PATHS, **words.pop("physics", {})}
     return ask(folder, "e91", judge, physics, **{"count": COUNT, **words})
 
@@ -61,7 +61,7 @@ def test_a_known_rotation_of_the_path_is_undone(tmp_path: Path, rotation: Pauli)
 
 
 def spied(folder: Path, fraction: float, **options: Any) -> list[dict[str, Any]] | str:
-    """Return what both ends are told where eve measures a fraction, or the refusal."""
+    """Return the results of both ends where eve measures a fraction, or the refusal."""
 
     def asked() -> list[dict[str, Any]] | str:
         with ServiceSocket(folder / "eve.sock") as eve:

@@ -47,7 +47,7 @@ def _orders_soon_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
 def happens(
     folder: Path, service: str, options: dict[str, Any] | None = None, **physics: Any
 ) -> tuple[Told, Told]:
-    """Have one session; return what alice and bob are told."""
+    """Have one session; return the results of alice and bob."""
 
     async def run() -> tuple[Told, Told]:
         async with running(folder, service, **physics):
@@ -146,14 +146,14 @@ def test_a_peer_that_is_gone_is_named_at_both_ends(
 
     alice, bob = broken(tmp_path, service, Once(moment, cut), sockets)
     assert "is gone: " in alice.text
-    if service != "swap":  # a neighbour in the chain is told by its address
+    if service != "swap":  # a neighbour in the chain is named by its address
         assert "bob (127." in alice.text or "charlie (127." in alice.text
     if moment is not first_answer:
         assert "gone" in bob.text
 
 
 class LastWord:
-    """Fits what is said after the last message: the answer to it."""
+    """Fits the answer to the last message."""
 
     def __init__(self) -> None:
         self._finished = False

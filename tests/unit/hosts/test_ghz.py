@@ -34,7 +34,7 @@ PAULIS = [
 
 
 def on(qubits: int, **operators: NDArray[Any]) -> NDArray[Any]:
-    """Return operators on some of so many qubits, called q0, q1 and so on."""
+    """Return operators on some of a number of qubits, called q0, q1 and so on."""
     return reduce(np.kron, [operators.get(f"q{each}", np.eye(2)) for each in range(qubits)])
 
 

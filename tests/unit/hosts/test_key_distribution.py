@@ -391,7 +391,7 @@ def test_no_photon_is_left_behind(tmp_path: Path, protocol: str) -> None:
 
 
 def weak(mean: float) -> dict[str, Any]:
-    """Return the words for a network in which alice has a weak laser of so many photons a pulse."""
+    """Return the words for a network in which alice has a weak laser of this mean."""
     return {"devices": {"alice": Device(PairSource("poisson", mean))}}
 
 

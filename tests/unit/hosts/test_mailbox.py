@@ -25,7 +25,7 @@ def of_block(block: int) -> list[Message]:
 
 
 def interleavings(left: dict[int, int]) -> Iterator[list[int]]:
-    """Yield every order of blocks that have so many messages each."""
+    """Yield every order of blocks that have a number of messages each."""
     if not any(left.values()):
         yield []
     for block, count in left.items():

@@ -31,7 +31,7 @@ PSI = (1, 3)
 
 
 def mdi(folder: Path, judge: Judge = grant, **words: Any) -> list[dict[str, Any]]:
-    """Return what both ends are told; `physics` are words for fibres and hosts."""
+    """Return the results of both ends; `physics` are words for fibres and hosts."""
     given = {"paths": PATHS, "analyser": "beam-splitter", "devices": {"charlie": RELAY}}
     physics = {**given, **words.pop("physics", {})}
     return ask(folder, "mdi", judge, physics, **{"count": COUNT, **words})

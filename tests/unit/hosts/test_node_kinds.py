@@ -178,7 +178,7 @@ def test_pairs_are_kept_only_as_many_as_the_smaller_memory_takes(tmp_path: Path,
     options: dict[str, Any] = {"count": 20, "block_pairs": 32, "source": "alice"}
     alice, bob = ask(tmp_path, "distribute", physics=physics, **options)
     assert alice["pairs"] == bob["pairs"] == 20
-    # What was not needed has been sacrificed: a tenth would be 30 of 300 pairs, and not fit.
+    # Pairs that were not needed were sacrificed: a tenth would be 30 of 300 pairs, and not fit.
     assert 30 <= alice["sampled"] <= alice["shared"] - 20 < 100
 
 

@@ -69,7 +69,7 @@ def test_a_refused_option_is_named_by_every_service(tmp_path: Path, service: str
 
 
 def test_bytes_go_through_the_socket_of_services_too(tmp_path: Path) -> None:
-    """An application that asks for sdc as for any service is told when it can send."""
+    """An application that asks for sdc as for any service hears when it can send."""
 
     def ask() -> tuple[dict[str, Any], bool]:
         with ThreadPoolExecutor(1) as pool, ServiceSocket(tmp_path / "alice.sock") as alice:

@@ -19,7 +19,7 @@ FIDELITY = 0.92
 
 
 def purified(protocol: str, rounds: int, pair: Bell) -> Bell:
-    """Return a pair after so many rounds of a protocol on pairs like it."""
+    """Return a pair after a number of rounds of a protocol on pairs like it."""
     for _round in range(rounds):
         pair = dejmps(pair)[0] if protocol == "dejmps" else werner(bbpssw(pair[0])[0])
     return pair

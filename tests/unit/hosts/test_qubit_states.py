@@ -98,7 +98,7 @@ def test_haar_states_are_spread_evenly_over_the_sphere() -> None:
 
 
 def told(*messages: Values, size: int) -> States | None:
-    """Return what is heard where this is said, after its last message."""
+    """Return what the other end hears of this, after its last message."""
     heard, states = Heard(BLOCK, size), None
     for message in messages:
         assert states is None

@@ -55,7 +55,7 @@ class Bench:
         return Stored(np.ones(count, dtype=bool), SINCE_NS[2])
 
     def receive_into_memory(self, name: BlockName, _port: str, _timeout_s: float) -> Flying:
-        """Store what comes of a block."""
+        """Store the result of a block."""
         link = name.session - CHAIN.session
         there = [place not in LOST[link] for place in range(PAIRS)]
         outcome = Stored(np.array(there), SINCE_NS[1])

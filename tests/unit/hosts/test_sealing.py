@@ -23,7 +23,7 @@ QUICK: dict[str, Any] = {"block_pairs": 2000, "rate_hz": 1_000_000}
 
 
 def alarms(question: Question, error: float, tests: int, seed: int) -> tuple[float, float]:
-    """Return how many of so many tests end in an alarm, and the mean of pairs in a test."""
+    """Return how many of a number of tests end in an alarm, and the mean of pairs in a test."""
     draws = np.random.default_rng(seed)
     ended = found = pairs = 0
     while ended < tests:

@@ -106,7 +106,7 @@ def test_the_spread_of_estimates_is_the_bound_of_cramer_and_rao(
 ) -> None:
     """1/(V^2 n), wherever the phase is: 600 estimates tell a variance to 1/sqrt(300), 6 %.
 
-    One in 32 of the probes is of no use for the phase. What is told has the visibility from the 100
+    One in 32 of the probes is of no use for the phase. The estimate has the visibility from the 100
     in X and 100 in Y alone: it is too careful rather than too sure.
     """
     found = [fringe.phase() for fringe in estimates(phase, visibility, 3200, 600)]

@@ -8,7 +8,7 @@ import pytest
 from hosts.middleware.session.estimates import MOST_UNTOLD, Estimates, estimates_of
 from wire.monitor_messages import Interval, Quantity, SessionEstimate
 
-Z = 1.959964  # of a normal distribution 95 % are within so many standard deviations
+Z = 1.959964  # of a normal distribution 95 % are within this many standard deviations
 
 
 def wilson(wrong: int, number: int) -> tuple[float, float]:
@@ -103,7 +103,7 @@ def test_an_estimate_is_told_again_when_it_says_something_new() -> None:
 
     assert told(0.05, 0.01, 0.09) == [SessionEstimate(0, 7, Quantity.QBER, 0.05, 0.01, 0.09)]
     assert told(0.05, 0.01, 0.09) == []
-    assert told(0.06, 0.03, 0.09) == []  # within what was told, and hardly sharper
+    assert told(0.06, 0.03, 0.09) == []  # within the reported interval, and hardly sharper
     assert told(0.06, 0.04, 0.08) == [SessionEstimate(0, 7, Quantity.QBER, 0.06, 0.04, 0.08)]
     assert told(0.09, 0.07, 0.11) == [SessionEstimate(0, 7, Quantity.QBER, 0.09, 0.07, 0.11)]
     assert told(0.089, 0.07, 0.11, over=True) == [

@@ -77,7 +77,7 @@ def device(settings: dict[str, Any]) -> Device:
 
 
 def summaries(service: str, devices: dict[str, Device]) -> Fields:
-    """Return what both ends are told in a session."""
+    """Return the results of both ends of a session."""
 
     async def run(folder: Path) -> Any:
         async with running(folder, service, devices=devices):

@@ -328,7 +328,7 @@ def test_a_pair_without_light_is_just_lost() -> None:
 
 
 def pairs_told(count: int, **bench: Any) -> Ends:
-    """Return ends of which the opener has told of four pairs, and made the handshakes of some."""
+    """Return ends of which the opener has announced four pairs, and made the handshakes of some."""
     ends = Ends(PER_PAIR, **bench)
     for number in range(1, count + 1):
         asked = replace(PER_PAIR, handshake=Handshake.ONE_PAIR, block=number, pairs=1)

@@ -267,7 +267,7 @@ def test_the_sender_gives_up_when_it_has_been_dark_for_too_long() -> None:
 
 def test_the_sender_gives_up_on_a_frame_that_never_passes_its_check() -> None:
     ends = Ends(replace(SETUP, rotation=Pauli.X))
-    ends.setup = SETUP  # the fibres turn nothing, against what was said
+    ends.setup = SETUP  # the fibres turn nothing, against the setting
     with pytest.raises(SessionError, match=f"failed its check {ATTEMPTS_LIMIT} times") as caught:
         ends.send(DATA[:8])
     assert caught.value.reason == Reason.TOO_NOISY

@@ -92,7 +92,7 @@ def test_the_pairs_of_a_chain_are_purified_until_they_are_as_good_as_is_asked(
 ) -> None:
     """Swapped pairs have .8665, once purified by DEJMPS .8985: these are the first above .877.
 
-    So many are sampled that both are told from that by 3.7 standard errors at least; seed 1.
+    The sample is large enough to tell both from that by 3.7 standard errors at least; seed 1.
     """
     devices = {node: Device(source=PairSource(fidelity=0.93)) for node in ("alice", "r1")}
     words: dict[str, Any] = {"count": 10 * COUNT, "sample": 0.5, "fidelity": 0.877}
@@ -128,7 +128,7 @@ def test_repeaters_of_linear_optics_join_half_of_the_pairs_each(tmp_path: Path) 
 
 
 class Talk:
-    """Notes when a swap is said, and when next door hears of it, which is a while later.
+    """Notes when a swap is announced, and when the neighbour hears of it, a while later.
 
     Those that must not wait for each other are heard of when all of them have spoken.
     """
@@ -138,7 +138,7 @@ class Talk:
         self.events: list[tuple[str, str, int]] = []  # what, which way, place of the repeater
 
     async def __call__(self, way: str, message: Message) -> Message:
-        """Hold a message back when it is said, and not where it is only passed on."""
+        """Hold a message back at its sender, and not where it is only passed on."""
         if not isinstance(message, Values) or message.topic != Topic.SWAPPED:
             return message
         place = int(numbers_of(message)[0])

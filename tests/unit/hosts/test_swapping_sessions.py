@@ -45,7 +45,7 @@ def inside(folder: Path, repeaters: int, scene: Callable[[], None], **options: A
 
 
 async def require_no_orders(stacks: Stacks) -> None:
-    """Fail if a node does not forget what it was ordered, once it has said why the chain ended."""
+    """Fail if a node does not forget what it was ordered, once it has reported the chain's end."""
     await until(lambda: not any(stack.swaps.sessions for stack in stacks.values()))
 
 
@@ -141,7 +141,7 @@ def test_links_that_break_in_mid_protocol_end_the_session_at_both_ends(
 
 
 def renamed(way: str, sent: list[int], become: list[int]) -> Change:
-    """Change what is said of a swap, from these numbers to others."""
+    """Change the message of a swap, from these numbers to others."""
 
     def change(direction: str, message: Message) -> Message:
         if direction == way and isinstance(message, Values) and message.topic == Topic.SWAPPED:

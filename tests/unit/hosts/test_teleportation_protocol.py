@@ -1,6 +1,6 @@
 """Both ends of teleportation back to back: bytes in lists, vectors for light.
 
-What becomes of a qubit is worked out here on vectors of three qubits, the state and both halves of
+The fate of a qubit is worked out here on vectors of three qubits, the state and both halves of
 a pair Phi+, without the simulator.
 """
 
@@ -72,7 +72,7 @@ class Bench:
         self.scene.now_s += 1
 
     def receive_into_memory(self, name: BlockName, _port: str, _timeout_s: float) -> Flying:
-        """Store what comes of a block."""
+        """Store the result of a block."""
 
         def come() -> bool:
             return len(self.sizes) >= name.number
@@ -139,7 +139,7 @@ class Ends:
         self.receiving = scene.begin(self.bob, receive(acceptor))
 
     def run(self) -> tuple[TeleportFigures, TeleportFigures]:
-        """Return what both applications are told in the end."""
+        """Return the results of both applications."""
         self.scene.run(self.sending)
         self.alice.say(Finish(5, 0, bytes(32)))
         self.scene.run(self.receiving)

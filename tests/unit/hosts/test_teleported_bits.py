@@ -121,7 +121,7 @@ def test_if_the_bits_never_come_nothing_is_done_to_the_halves_and_both_ends_are_
 
 
 def test_bits_are_as_random_as_the_states_are_hidden(tmp_path: Path) -> None:
-    """Who reads the packets learns nothing of a state, whichever it is."""
+    """A reader of the packets learns nothing of any state."""
     seen: list[int] = []
 
     def change(way: str, message: Message) -> Message:

@@ -103,7 +103,7 @@ def captures(folder: Path) -> None:
 
 
 def events() -> list[Event]:
-    """Light for a block of 100: from charlie to alice no path is there, to bob there is."""
+    """Light for a block of 100: from charlie to alice there is no path, to bob there is."""
     halves = [BlockId(session=SESSION, number=1, half=half) for half in (0, 1)]
 
     def event(offset_ns: int, node: str, kind: str, **fields: Any) -> Event:
@@ -183,7 +183,7 @@ def received(confusion: list[list[int]]) -> ReceiverFigures:
 
 
 def service_run(told: Figures | None = None) -> RunResult:
-    """Return what is known of a run of a service, whose ends have said this."""
+    """Return the record of a run of a service whose ends have printed this."""
     job = ServiceJob()
     job.asking = job.asked = cast("Any", told or Figures())
     return run_of("teleport", job, 1.0)

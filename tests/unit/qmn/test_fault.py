@@ -68,7 +68,7 @@ def run(
 
 
 def logged(log: Path, text: str, count: int) -> list[str]:
-    """Return the lines of an event log that have a text, once there are so many: it is late."""
+    """Return the lines of an event log that have a text, once there are this many: it is late."""
     deadline = time.monotonic() + SOON_S
     while True:
         found = [line for line in log.read_text().splitlines() if text in line]

@@ -23,7 +23,7 @@ def parts(
     devices: Mapping[str, Device] | None = None,
     pairs_from: Mapping[str, str] | None = None,
 ) -> Description:
-    """Return hosts a, b and c with so many fibres to each switch, as {"a q1": 2}."""
+    """Return hosts a, b and c with a number of fibres to each switch, as {"a q1": 2}."""
     plain, laid = optics("fibre"), []
     for ends, count in fibers.items():
         one, other = ends.split()

@@ -1,4 +1,4 @@
-"""The outcome of a run, as a person is told, and a program that asks for the status."""
+"""The outcome of a run, for a person, and for a program that asks for the status."""
 
 import json
 from collections.abc import Iterator

@@ -1,6 +1,6 @@
 """README and docs: commands that there are, links that lead somewhere, outputs as they are printed.
 
-What needs a network is in tests/emulation/test_documentation.py.
+Those that need a network are in tests/emulation/test_documentation.py.
 """
 
 import re

@@ -31,7 +31,7 @@ class Standing:
 
 @contextmanager
 def standing_still(folder: Path, name: str, *lines: str) -> Iterator[Program]:
-    """Yield a program that has said these lines, and waits."""
+    """Yield a program that has printed these lines, and waits."""
     program = Program(name, folder / f"{name}.log")
     said = "; ".join(f"print({line!r}, flush=True)" for line in lines)
     program.start([sys.executable, "-c", f"import time; {said or 'pass'}; time.sleep(60)"])

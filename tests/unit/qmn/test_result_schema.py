@@ -49,7 +49,7 @@ def of_message(folder: Path) -> dict[str, Any]:
 
 
 def test_the_schema_in_docs_is_that_of_the_code() -> None:
-    """Made anew by: python -m qmn.results.schema > docs/result.schema.json."""
+    """Made by: python -m qmn.results.schema > docs/result.schema.json."""
     assert FILE.read_text() == schema.text()
 
 
@@ -58,7 +58,7 @@ def test_the_result_of_a_message_fits(tmp_path: Path) -> None:
 
 
 def test_fibres_and_devices_are_read_back_as_they_were(tmp_path: Path) -> None:
-    """Of devices the file has what is not ideal: 0.8 is told, an efficiency of 1 is not."""
+    """Of devices the file has what is not ideal: an efficiency of 0.8, and not one of 1."""
     left = of_message(tmp_path)
     assert left["devices"] == {"every": {}, "bob": {"detectors": {"efficiency": 0.8}}}
     again = schema.read_left(tmp_path)
@@ -156,7 +156,7 @@ EVE = {"attack": "resend", "fraction": 0.5, "blocks": 3, "photons": 90, "lost_bl
     ],
 )
 def test_moments_are_read_as_what_they_are_of(line: dict[str, Any], kind: type[Moment]) -> None:
-    """As key managers, ends of tunnels and downloads print them, and kept as they were told."""
+    """As key managers, ends of tunnels and downloads print them, and kept as they were."""
     happened = moment({**line, "host": "alice"}, 1.23456)
     assert type(happened) is kind
     assert vars(happened) == {**line, "host": "alice", "at": 1.235}

@@ -22,7 +22,7 @@ from topologies.system.processes.programs import NetworkError
 from views.report.run_facts import BadRun, read_result
 
 FAULTS = pytest.mark.parametrize(
-    ("make", "status", "words"),  # made anew: notes stay with an error
+    ("make", "status", "words"),  # a new one: notes stay with an error
     [
         (partial(NetworkError, "q1 is broken"), 1, "qmn: q1 is broken"),
         (partial(Interrupted, 15), 143, "qmn: interrupted by SIGTERM"),

@@ -24,7 +24,7 @@ def parse(*words: str) -> ServiceRequest:
 
 
 def options_of(*words: str) -> ServiceOptions:
-    """Return what the service is told."""
+    """Return the options of the service."""
     request, _network = checked(parse(*words))
     return request.options
 

@@ -194,7 +194,7 @@ def packet_in(in_port: int, frame: bytes) -> bytes:
 
 
 def light_instructions(mark: Mark, out_port: int | None) -> bytes:
-    """Return what the bridge is told of a light entry: APPLY_ACTIONS with a note and the output.
+    """Return the bridge's form of a light entry: APPLY_ACTIONS with a note and the output.
 
     An entry without actions has an instruction of the agent's own, which the mark says.
     """

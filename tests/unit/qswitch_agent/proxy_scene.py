@@ -184,7 +184,7 @@ class Stage:
 
 @asynccontextmanager
 async def running_switch() -> AsyncIterator[tuple[Switch, Optics, Reports, End]]:
-    """A switch of four fibre ports whose hardware has told its condition."""
+    """A switch of four fibre ports whose hardware has reported its condition."""
     hardware = Optics()
     async with AsyncExitStack() as stack:
         folder = stack.enter_context(TemporaryDirectory())
@@ -241,7 +241,7 @@ async def stage(hold_deadline_s: float = SOON_S) -> AsyncIterator[Stage]:
                 commanded,
             )
         finally:
-            # Whoever plays the bridge is gone by now: it answers no barrier any more.
+            # The player of the bridge is gone by now: it answers no barrier any more.
             with patch.object(proxy_module, "CLOSE_DEADLINE_S", 0.0):
                 await proxy.close()
             for end in (bridge, controller):

@@ -21,7 +21,7 @@ CHANNELS = re.compile(r"\(@([\d,]*)\)")
 
 
 class ScpiError(Exception):
-    """What goes into the error queue."""
+    """An entry of the error queue."""
 
 
 class Instrument:

@@ -16,13 +16,13 @@ ALL = {"command": ofp.OFPFC_DELETE}
 
 
 def reported(mod: FlowMod, event: int = ADDED) -> FlowUpdate:
-    """Return what the monitor says of an entry that the bridge was told by a FLOW_MOD."""
+    """Return the monitor's report of an entry of a FLOW_MOD."""
     entry = flows.entry(mod.priority, mod.match, mod.instructions, mod.cookie)
     return FlowUpdate(event, entry)
 
 
 async def committed(now: Stage, *members: bytes) -> list[FlowMod]:
-    """Let a controller commit a bundle with a barrier behind; return what the bridge is told."""
+    """Let a controller commit a bundle with a barrier behind; return the messages to the bridge."""
     asked = [*of.bundle(5, *members), of.barrier_request(7)]
     now.controller.says(*asked)
     told = [await now.bridge.next() for _message in asked]

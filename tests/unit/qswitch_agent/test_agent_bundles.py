@@ -49,7 +49,7 @@ async def member_mod(now: Stage) -> FlowMod:
 
 
 async def is_discarded(now: Stage, number: int, xid: int = 50) -> None:
-    """Check that the bridge is told to forget a bundle, and let it answer."""
+    """Check that the bridge has to forget a bundle, and let it answer."""
     message = await now.bridge.next()
     assert packets.bundle_control(message)[:2] == (number, DISCARD)
     await now.bridge.hears(OWN_BARRIER)

@@ -151,7 +151,7 @@ def test_one_refused_path_does_not_keep_the_others_from_being_made(
             paths.update([path(3, 4), path(5, 6)])
             await paths.ready()
             assert optics.paths == {(1, 2), (5, 6)}
-            # What stood was in every set that the hardware took: it was not interrupted.
+            # The standing path was in every set that the hardware took: it was not interrupted.
             assert all((1, 2) in call for call in made(optics)[1:])
 
     play(scene())
@@ -270,7 +270,7 @@ class Expiry:
         self.now_s = 1_700_000_000.0  # goes on only when a test says so
 
     def add(self, circuit: int, idle_timeout_s: int = 1, event: int = INITIAL) -> FlowEntry:
-        """Add an entry, unless told otherwise one that was there before the agent."""
+        """Add an entry, by default one that was there before the agent."""
         one = entry(1, 2, Mark(idle_timeout_s, circuit))
         self.paths.update([FlowUpdate(event, one)])
         return one

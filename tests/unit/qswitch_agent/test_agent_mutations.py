@@ -192,12 +192,12 @@ def number(data: bytes) -> int:
 
 
 class Bridge:
-    """A bridge that answers, takes whatever is sent, and remembers the paths it was told."""
+    """A bridge that answers, takes whatever is sent, and remembers the paths it has had."""
 
     def __init__(self, now: Stage, end: End) -> None:
         self._now, self._end = now, end
         self.taken: Counter[int] = Counter()
-        self.paths: set[tuple[int, int]] = set()  # that it was ever told
+        self.paths: set[tuple[int, int]] = set()  # that it ever had
         self._entries: dict[tuple[int, bytes], FlowEntry] = {}  # of light
         self._bundles: dict[int, list[bytes]] = {}
 
@@ -347,7 +347,7 @@ async def hear_out(end: End) -> list[bytes]:
 
 
 def watched(failures: list[Any]) -> None:
-    """Collect what no task has caught."""
+    """Collect errors that no task has caught."""
     asyncio.get_running_loop().set_exception_handler(lambda _loop, what: failures.append(what))
 
 
@@ -406,7 +406,7 @@ def test_spoiled_replies_open_no_path_and_stop_nothing(count: int) -> None:
         bridge, controller = await now.connect()
         hearing = asyncio.create_task(hear_out(controller))
         controller.says(of.flow_request(10, aggregate=True), of.barrier_request(8))
-        # A connection that is closed before all of it was read takes along what was said on it.
+        # A connection that is closed before all of it was read takes along the messages on it.
         while (await bridge.next())[1] != ofp.OFPT_BARRIER_REQUEST:
             pass
         asking = asyncio.create_task(hear_out(bridge))

@@ -508,7 +508,7 @@ def test_flags_of_statistics_say_what_is_measured(
             (light,) = shown.properties
             assert light.flags == flags
             assert (light.tx_freq_lmda, light.rx_freq_lmda) == (193_400_000, 193_450_000)
-            # What is not valid does not look like 0 dBm, 1 mW.
+            # An invalid value does not look like 0 dBm, 1 mW.
             assert light.rx_pwr == (0 if flags & RX_PWR else 0x8000)
             assert light.tx_pwr == (0 if flags & TX_PWR else 0x8000)
 

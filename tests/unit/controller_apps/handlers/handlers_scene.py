@@ -232,7 +232,7 @@ def asked_optics(datapath: Datapath) -> int:
 def announcement(
     host_port: HostPort, ttl: int = 120, subtype: int = 7, told: tuple[bytes, ...] = ()
 ) -> bytes:
-    """Return an announcement; `told` are what TLVs of features hold, if not the port's own."""
+    """Return an announcement; `told` are contents of TLVs of features, if not the port's own."""
     node_features = (host_port.node_features.encode(),) if host_port.node_features else told
     address = bytes(int(part) for part in host_port.address.split("."))
     frame = (

@@ -225,7 +225,7 @@ def test_each_app_leaves_the_other_ones_packets_alone(ready: Scene) -> None:
 
 
 def barriers_of(scene: Scene, hosts: int) -> list[int]:
-    """Return the places of barriers among what s1 is sent again to filter so many hosts."""
+    """Return the places of barriers among the entries for s1 that filter a number of hosts."""
     scene.s1.take()
     addresses = [f"10.1.{number >> 8}.{number & 255}" for number in range(hosts)]
     scene.quantum.stations = [

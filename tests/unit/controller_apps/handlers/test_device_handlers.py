@@ -96,7 +96,7 @@ class Scene:
         return ofp_event.EventOFPPacketIn(message)
 
     def datagrams(self, host: str = "alice") -> list[Message]:
-        """Return what s1 was told to send to a host, checked by scapy."""
+        """Return the packets that s1 had to send to a host, checked by scapy."""
         messages = []
         for sent in self.s1.take():
             assert (sent.in_port, sent.port) == (ofproto.OFPP_CONTROLLER, 3)
@@ -143,7 +143,7 @@ CHAIN = EventSwapsOrdered(SwapsOrdered(7, tuple(Stop(node, 0, 1) for node in NOD
 
 
 def answers(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int, str, Reason]]:
-    """Return what other apps will have been told of answers to orders."""
+    """Return the answers to orders that other apps will have seen."""
     told: list[tuple[str, int, str, Reason]] = []
     monkeypatch.setattr(
         scene.monitor,
@@ -319,7 +319,7 @@ def test_an_override_is_sent_until_it_is_in_force(scene: Scene) -> None:
     scene.says(replace(SET, settings=wanted))
     assert scene.datagrams() == []
     assert question.wait()["overrides"] == {"rate_hz": 1000}
-    scene.says(SET)  # it has started anew
+    scene.says(SET)  # it has started again
     assert [type(message) for message in scene.datagrams()] == [SetDevice]
 
 

@@ -209,7 +209,7 @@ def test_a_host_cannot_claim_a_fibre_between_switches(scene: Scene) -> None:
         assert heard == {}
     for attempt in forged[4:]:
         scene.packet_in(q2, 7, attempt)
-        # What a changed bit leaves whole is still no more than what (Q1, 6) has said.
+        # A changed bit leaves no more whole than (Q1, 6) has announced.
         assert {each.speaker for each in heard.values()} <= {SwitchPort(Q1, 6)}
     assert scene.quantum.network.links == {}
     assert scene.quantum.journal.dropped["lldp"] > 1000

@@ -62,7 +62,7 @@ class Scene:
     def says(
         self, message: Message, host: str = "alice", key: str = "", port: int = KEY_AGENT_PORT
     ) -> list[Message]:
-        """Let a key manager say something; return what s1 is told to send it."""
+        """Let a key manager say something; return the packets that s1 has to send it."""
         self.number += 1
         sealed = Datagram(message, host, self.number).seal(key or KEYS[host], FROM_KEY_MANAGER)
         return self.hears(sealed, host, port)

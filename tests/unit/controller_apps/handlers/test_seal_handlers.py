@@ -101,7 +101,7 @@ def test_an_alarm_of_a_seal_whose_light_was_taken_says_nothing(
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    """Its last photons may have gone by another way than its receiver was told of."""
+    """Its last photons may have gone by another path than its receiver knows."""
     now = [100.0]
     clock = SimpleNamespace(monotonic=lambda: now[0], time_ns=lambda: 1)
     for module in ("controller_apps.apps.quantum_metadata", "wire.network_time"):

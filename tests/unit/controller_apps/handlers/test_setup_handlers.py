@@ -88,7 +88,7 @@ def test_the_packet_leaves_by_the_learned_port_after_the_barrier(ready: Scene) -
     assert asked == {"service": "sdc", "from": "alice", "to": "bob"}
     ways = [(way["begin"], way["end"], way["by"], way["loss_db"]) for way in granted["light"]]
     assert ways == [
-        ("charlie-q0", "alice-q0", ["q1"], 0.5),  # what the switch has told of itself
+        ("charlie-q0", "alice-q0", ["q1"], 0.5),  # the switch's own description
         ("alice-q0", "bob-q1", ["q1"], 0.5),
         ("charlie-q1", "bob-q0", ["q1"], 0.5),
     ]

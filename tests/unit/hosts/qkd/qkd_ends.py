@@ -94,7 +94,7 @@ def make_ends(
     messages: int = 1000,
     decoys: Decoys | None = None,
 ) -> Ends:
-    """Return two ends that share enough key for so many messages in either direction."""
+    """Return two ends that share enough key for a number of messages in either direction."""
     there, back = (rng.bytes(pool_bytes(messages)) for _ in range(2))
     alice = Terms(SESSION, parameters, KeyPool(there), KeyPool(back), rng.bytes)
     bob = Terms(SESSION, bobs or parameters, KeyPool(back), KeyPool(there), rng.bytes)

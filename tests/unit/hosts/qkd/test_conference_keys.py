@@ -67,7 +67,7 @@ class Scene:
             member.add_block(self.kinds, each, self.kept)
 
     def corrected(self) -> tuple[np.ndarray[Any, Any], bytes]:
-        """Let all members correct their bits; return what they were told."""
+        """Let all members correct their bits; return their results."""
         parities, proof = self.leader.parities(), proved(self.leader.raw, HASH_KEY)
         for member in self.members:
             assert member.correct(self.leader.worst, parities, proof)

@@ -138,7 +138,7 @@ def pulses(count: int, transmission: float, split: bool = False) -> tuple[NDArra
     """Return levels, photons and which of them bob has seen, counted one by one.
 
     An eavesdropper who splits keeps a photon of each pulse of several and lets one arrive, and of
-    single photons only so many that bob sees as many pulses of the signal as without her.
+    single photons only as many as let bob sees as many pulses of the signal as without her.
     """
     rng = np.random.default_rng(1)
     levels = rng.choice(3, count, p=DECOYS.shares).astype(np.uint8)

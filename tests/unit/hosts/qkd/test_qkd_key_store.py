@@ -1,4 +1,4 @@
-"""The key store: each key goes out once, whoever asks and whenever the power fails."""
+"""The key store: each key goes out once, to any caller and whenever the power fails."""
 
 import os
 import subprocess

@@ -101,7 +101,7 @@ def test_no_parity_is_asked_for_that_follows_from_others_of_its_pass() -> None:
             rows.setdefault(number, []).append(as_integer(number, start, stop))
     assert sum(len(some) for some in rows.values()) == result.leaked_bits > 800
     for number, some in rows.items():
-        known = [] if number == 0 else [(1 << SMALL) - 1]  # pass 0 told the parity of the whole
+        known = [] if number == 0 else [(1 << SMALL) - 1]  # pass 0 sent the parity of the whole
         assert rank(known + some) == len(known) + len(some)
 
 

@@ -330,7 +330,7 @@ def test_every_place_is_taken_by_any_bit() -> None:
 
 
 def test_a_sample_is_of_the_first_places_that_a_stream_draws() -> None:
-    """Word by word: those below a multiple of the size, each place as often as it comes anew."""
+    """Word by word: those below a multiple of the size, each place as often as it comes again."""
     for size, count in ((10, 1), (10, 5), (10, 9), (1000, 137), (1000, 901)):
         words = iter(stream_of_words(bytes(32), b"sample"))
         drawn: set[int] = set()

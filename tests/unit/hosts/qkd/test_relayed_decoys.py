@@ -52,7 +52,7 @@ def yields(random: np.random.Generator, most: int = 12) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("seed", range(20))
 def test_bounds_hold_for_any_yields(seed: int) -> None:
-    """Whoever knows the numbers of photons chooses what is told of each, and what errs."""
+    """An eavesdropper who knows the numbers of photons chooses what is announced, and what errs."""
     random = np.random.default_rng(seed)
     told, share = yields(random), random.random((12, 12))
     tables = []
@@ -81,7 +81,7 @@ def test_finite_bounds_come_near_those_of_endless_keys() -> None:
 
 
 def test_expectations_are_missed_as_rarely_as_is_said() -> None:
-    """The tails of a binomial distribution, exactly, at both ends of what is told."""
+    """The tails of a binomial distribution, exactly, at both ends of the announced interval."""
     n, p, eps = 400, 0.05, 1e-3
     chances = [comb(n, k) * p**k * (1 - p) ** (n - k) for k in range(n + 1)]
     low, high = expected(np.arange(n + 1), eps)

@@ -16,7 +16,7 @@ from hosts.middleware.qkd.relayed_decoys import TERMS, PairSifted, bounds, expec
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
-MOST = 12  # photons of a pulse that are told apart
+MOST = 12  # photons of a pulse that are distinguished
 DARK, ERROR = 6.02e-6, 0.015  # of Curty and others, as are .2 dB/km and an efficiency of 14.5 %
 PULSES = 1e13
 
@@ -94,7 +94,7 @@ FEW = Decoys((0.4, 0.1, 0.01), (0.4, 0.4, 0.2))
 
 
 def drawn(random: np.random.Generator, photons: Counts) -> Counts:
-    """Return how many bits of each two levels there are, if so many are of n and m photons.
+    """Return how many bits of each two levels there are, by how many are of n and m photons.
 
     Of each bit the levels are drawn by what the photons leave open; shapes (TRIALS, n, m) and
     (TRIALS, 3, 3).
@@ -108,7 +108,7 @@ def drawn(random: np.random.Generator, photons: Counts) -> Counts:
 
 
 def seen(scale: float) -> Counts:
-    """Return bits by photons: each of 30 % arrives, half of two are told, a few have none."""
+    """Return bits by photons: each of 30 % arrives, half of two are announced, a few have none."""
     one = 1 - 0.7 ** np.arange(MOST) + 1e-3
     likely = chances((FEW, FEW)).sum(axis=(0, 1))
     bits = np.round(scale * likely * np.outer(one, one) / 2).astype(np.int64)
