@@ -147,16 +147,15 @@ class Run:
         return schema.read_run(self.result).job
 
     def times_s(self, kind: str) -> list[float]:
-        """Return when events of a kind were, by the event log, in seconds of the network.
+        """Return when events of a kind were, by the event log of a stepped run, in seconds.
 
-        They count from the log's first event on; the log's own clock is the wall's.
+        They count from the log's first event on.
         """
         lines = (self.folder / "quantum.log").read_text().splitlines()
         events = [line.split(maxsplit=3)[:3] for line in lines]
         first = datetime.fromisoformat(events[0][0])
-        scale: float = self.result["time_scale"]
         return [
-            (datetime.fromisoformat(when) - first).total_seconds() / scale
+            (datetime.fromisoformat(when) - first).total_seconds()
             for when, _node, what in events
             if what == kind
         ]

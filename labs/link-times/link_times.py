@@ -10,9 +10,8 @@ from evidence.labs.lab import Chart, Finding, Lab, Published, Runs
 HERE, PROGRAMS = Path(__file__), ("sequence", "quisp")
 TOLD = {each: json.loads(HERE.with_name(f"{each}_links.json").read_text()) for each in PROGRAMS}
 GIVEN = TOLD["quisp"]  # to SeQUeNCe, too
-# Kilometres to the station and whose attempts; modes and time scale.
-LINKS = {(1, "sequence"): (1, 30), (10, "sequence"): (10, 15), (25, "sequence"): (20, 4)}
-LINKS |= {(1, "quisp"): (1, 60), (10, "quisp"): (10, 60), (25, "quisp"): (20, 15)}
+# Kilometres to the station and whose attempts; modes.
+LINKS = {(km, program): modes for program in PROGRAMS for km, modes in ((1, 1), (10, 10), (25, 20))}
 PARTS = "source.statistics=none emitter.scheme=two-click emitter.efficiency={emitted}"
 RUN = (
     "run distribute --node charlie=station --count 900 --sample 0.1 --captures none"
@@ -32,11 +31,11 @@ def mean_s(km: float, program: str) -> tuple[float, float]:
 
 def said(km: int, program: str) -> str:
     """Return what is said behind `qmn` for a link, whose light passes two fibres to the station."""
-    modes, scale = LINKS[km, program]
+    modes = LINKS[km, program]
     before = f"emitter.preparation_s={mean_s(km, program)[0]:.9g}"
     words = f"{PARTS} emitter.modes={modes} {before}".split()
     parts = "".join(f" --device {host}.{word}" for host in ("alice", "bob") for word in words)
-    return (RUN + parts).format(**GIVEN) + f" --length-km {km / 2:g} --time-scale {scale}"
+    return (RUN + parts).format(**GIVEN) + f" --length-km {km / 2:g}"
 
 
 def measured(pairs: int, attempts: int, took_s: float) -> list[tuple[float, float]]:
@@ -47,7 +46,7 @@ def measured(pairs: int, attempts: int, took_s: float) -> list[tuple[float, floa
 def findings(runs: Runs) -> list[Finding]:
     """Return what was measured of each link, of one qubit at either end."""
     found = []
-    for (km, program), (modes, _scale) in LINKS.items():
+    for (km, program), modes in LINKS.items():
         run = runs[f"{km}-km-{program}"]
         took_s = run.times_s("herald")[-1] - run.times_s("attempt")[-1]
         asking, told = run.job.asking, TOLD[program]

@@ -23,7 +23,7 @@ def said(kind: str, copper_km: int) -> str:
     name, time_s = OURS[kind]
     parts = [f"--device {host}.memory.{name}={time_s:g}" for host in ("alice", "bob")]
     return (
-        "run distribute --purification none --count 8000 --sample 0.5 --time-scale 8"
+        "run distribute --purification none --count 8000 --sample 0.5"
         f" --copper-km {copper_km} --device charlie.source.fidelity={TOLD['fidelity']}"
         f" {' '.join(parts)} --captures none --without report,record"
     )
