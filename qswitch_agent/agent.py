@@ -27,6 +27,7 @@ class Agent:
             self._monitor.synchronise,
             self._commands.delete,
             config.switch,
+            config.needs_copies,
         )
         hold_s = config.time.wall_s(HOLD_DEADLINE_S)
         tls = config.credentials.client() if config.credentials is not None else None

@@ -31,6 +31,7 @@ from qswitch_agent.timeouts import CONDITION_DEADLINE_S
 from wire.optical import PathOptics, PortLight, PortTuning
 
 log = logging.getLogger(__name__)
+MAX_SEEN = 16_384  # sessions
 MIN_CIRCUIT, MAX_CIRCUIT = 1, (1 << 31) - 1
 
 
@@ -72,8 +73,11 @@ class Switch:
         synchronise: Callable[[], Awaitable[None]],
         delete: Callable[[FlowEntry], None],
         name: str = "",
+        needs_copies: bool = False,
     ) -> None:
-        """`synchronise` returns when the table is what the bridge has reported up to now.
+        """`needs_copies`: only for sessions whose set-up has come on copper, too, light passes.
+
+        `synchronise` returns when the table is what the bridge has reported up to now.
 
         `delete` has the bridge delete an entry.
         """
@@ -87,11 +91,25 @@ class Switch:
         self._synchronised_ns = 0  # when that was begun last, of those that are done
         self.hardware = hardware
         self._channels = channels
+        self._needs_copies = needs_copies
+        self._seen: dict[int, None] = {}  # sessions whose set-ups have come, the oldest first
         self.ports: set[int] = set()  # all that the bridge has
         self._condition = Condition()
         self._known = asyncio.Event()
         self._checking = asyncio.Lock()
         self._newest: tuple[int, Readings] = 0, Readings()  # when they were asked for
+
+    def setup_came(self, session: int) -> None:
+        self._seen[session] = None
+        if len(self._seen) > MAX_SEEN:
+            del self._seen[next(iter(self._seen))]
+
+    def require_seen(self, session: int) -> None:
+        """Raise Refusal for light of a session, by cookie, whose set-up has not come here."""
+        if not self._needs_copies or session in self._seen:
+            return
+        if all(entry.cookie != session for entry in self.paths.table.marked()):
+            raise refusals.not_permitted(f"no set-up of {session:016x} has come on copper")
 
     async def started(self) -> None:
         try:

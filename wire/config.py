@@ -189,6 +189,7 @@ class AgentConfig(MeasuredConfig):
     hardware: str = ""  # empty: the simulated switch; or "scpi://192.0.2.7:5025"
     # scpi: OpenFlow port number to the numbers of its [ingress, egress] at the instrument
     hardware_ports: dict[str, list[int]] = field(default_factory=dict)
+    needs_copies: bool = False  # light of a session needs its set-up on the switch's own copper
     programs: str = ""  # path of a Unix socket for ovs-ofctl and the like; empty: none
     credentials: Credentials | None = None  # controllers are reached by TLS
     gnmi: str = ""  # path of a Unix socket at which telemetry is served; empty: nowhere

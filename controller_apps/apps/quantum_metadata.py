@@ -284,7 +284,8 @@ class QuantumMetadata(App):
             bytes(message.data),
         )
         if at.dpid in self.switches.quantum and is_tcp(frame):
-            self._do(self.arbiter.copy_arrived(at, frame, self._now()))
+            if message.reason != ofproto.OFPR_PACKET_OUT:  # it came on copper
+                self._do(self.arbiter.copy_arrived(at, frame, self._now()))
         elif at.dpid in self.switches.quantum:
             self._lldp_arrived(at, frame)
         elif is_tcp(frame) and not self._instants.keeps(at, frame):

@@ -9,6 +9,9 @@ from qswitch_agent.openflow import matches
 from qswitch_agent.openflow.instructions import each_action, output_ports
 from qswitch_agent.openflow.messages import HEADER, MalformedPart, strict, with_body
 from wire.malformed import MalformedPacket
+from wire.metadata.decoding import decode
+from wire.metadata.header import QUANTUM_SWITCHES
+from wire.metadata.setup import SETUP_LENGTH, Setup
 
 PACKET_OUT = struct.Struct(ofp.OFP_PACKET_OUT_PACK_STR)  # buffer, in_port, length of actions
 PACKET_IN = struct.Struct(ofp.OFP_PACKET_IN_PACK_STR)
@@ -16,7 +19,8 @@ COMMAND = struct.Struct("!H")  # which GROUP_MOD and METER_MOD begin with
 GROUP_MOD = struct.Struct(ofp.OFP_GROUP_MOD_PACK_STR)  # command, type, group
 BUCKET = struct.Struct(ofp.OFP_BUCKET_PACK_STR)  # length, weight, port, group
 BUNDLE = struct.Struct(ofp.OFP_BUNDLE_CTRL_MSG_PACK_STR)  # bundle, type (or padding), flags
-ETHERTYPE = slice(12, 14)
+ETHERTYPE, IP = slice(12, 14), 14
+TO_SWITCHES = bytes.fromhex(QUANTUM_SWITCHES.replace(":", ""))
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,24 @@ def is_lldp(frame: bytes) -> bool:
 def packet_in(message: bytes) -> tuple[int | None, bytes]:
     match, rest = matches.split(message[HEADER.size + PACKET_IN.size :])
     return matches.in_port(matches.parse(match)), rest[2:]
+
+
+@strict
+def copied_setup(message: bytes) -> Setup | None:
+    """Return the set-up message of which a PACKET_IN is a copy, if one has come on copper.
+
+    A frame of a PACKET_OUT is sent up with another reason.
+    """
+    reason, frame = PACKET_IN.unpack_from(message, HEADER.size)[2], packet_in(message)[1]
+    if reason != ofp.OFPR_APPLY_ACTION or frame[:6] != TO_SWITCHES:
+        return None
+    tcp = IP + 4 * (int.from_bytes(frame[IP : IP + 1]) & 0xF)
+    payload = frame[tcp + 4 * (int.from_bytes(frame[tcp + 12 : tcp + 13]) >> 4) :]
+    try:
+        setup = decode(payload[:SETUP_LENGTH])
+    except MalformedPacket:
+        return None  # data behind it
+    return setup if isinstance(setup, Setup) else None
 
 
 @strict

@@ -37,6 +37,7 @@ bad_experimenter = partial(Refusal, ofp.OFPET_BAD_INSTRUCTION, ofp.OFPBIC_BAD_EX
 bad_field = partial(Refusal, ofp.OFPET_BAD_MATCH, ofp.OFPBMC_BAD_FIELD)
 bad_mask = partial(Refusal, ofp.OFPET_BAD_MATCH, ofp.OFPBMC_BAD_MASK)
 bad_command = partial(Refusal, ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_BAD_COMMAND)
+not_permitted = partial(Refusal, ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_EPERM)
 bad_table = partial(Refusal, ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_BAD_TABLE_ID)
 
 # Ports

@@ -128,6 +128,8 @@ def concerns_light(mod: FlowMod, switch: Switch) -> bool:
     A switch of light alone has one table, also for entries on packets.
     """
     light = is_light(mod, switch.fibers)
+    if light:
+        switch.require_seen(mod.cookie)
     if switch.optical_alone and not mod.deletes:
         if mod.table:
             raise refusals.bad_table(

@@ -1,15 +1,24 @@
 """Attacks with their defence off, and with it on."""
 
+import subprocess
 from pathlib import Path
 
 import pytest
 from conftest import verb, wait_until
-from fabric_scene import running
+from fabric_scene import facts, light_paths, running, session
+from limits import SOON_S
+from scapy.layers.inet import IP, TCP
+from scapy.layers.l2 import Ether
+from scapy.packet import Packet
 
 from evidence.attacks.laboratory import ATTACKS, Attack
 from qmn.scripting import start
+from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 from topologies.system.processes.programs import python
+from wire.metadata.header import METADATA_PORT, QUANTUM_SWITCHES, session_number
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Handshake, Service
 
 ATTEMPTS = {
     "arp-spoofing": 10,
@@ -101,6 +110,55 @@ def test_a_flood_leaves_others_their_light(tmp_path: Path) -> None:
                     assert network.send("alice", "bob", bytes([number])).data == bytes([number])
             finally:
                 flood.kill()
+
+
+def packet_out(switch: str, in_port: int, frame: Packet, actions: str = "controller") -> None:
+    words = ["ovs-ofctl", "-O", "OpenFlow14", "packet-out", switch]
+    subprocess.run([*words, f"in_port={in_port} packet={bytes(frame).hex()} actions={actions}"],
+                   check=True, timeout=SOON_S)  # fmt: skip
+
+
+def forge_setup(network: Network) -> Packet:
+    """Have c0 get a connection of alice to bob and its set-up, by PACKET_OUTs at s1 alone."""
+    alice, bob = network.net["alice"], network.net["bob"]
+    tcp = TCP(sport=20_000, dport=METADATA_PORT, flags="PA", seq=1, ack=1, window=502)
+    answer = TCP(sport=METADATA_PORT, dport=20_000, flags="SA", seq=0, ack=1)
+    back = Ether(src=bob.MAC(), dst=alice.MAC()) / IP(src=bob.IP(), dst=alice.IP())
+    packet_out("s1", 2, back / answer)
+    number, source = session_number(alice.IP(), 77), network.net["charlie"].IP()
+    setup = Setup(number, Service.SDC, Handshake.FRAMED, source, 64, 64, 1_000_000)
+    ends = Ether(src=alice.MAC(), dst=bob.MAC()) / IP(src=alice.IP(), dst=bob.IP())
+    forged = ends / tcp / setup.encode()
+    packet_out("s1", 1, forged)
+    return forged
+
+
+def test_a_forged_set_up_at_c0_opens_light_where_q1_need_not_have_seen_it(tmp_path: Path) -> None:
+    with running(SdcTopo, tmp_path) as network:
+        forge_setup(network)
+        wait_until(lambda: facts(network, "granted"), "light for a session that nobody asked for")
+        (granted,) = facts(network, "granted")
+        assert granted["copies_ms"] == {"q1": None}
+
+
+def test_q1_opens_no_light_for_a_set_up_that_has_not_come_to_itself(tmp_path: Path) -> None:
+    """Nor after PACKET_OUTs at q1, or for who orders the entries of q1 himself."""
+    with running(SdcTopo, tmp_path, metadata_at_switch="required") as network:
+        forged = forge_setup(network)
+        forged[Ether].dst = QUANTUM_SWITCHES
+        for actions in ("table", "controller"):
+            packet_out("q1", 1, forged, actions)
+        number = session_number(network.net["alice"].IP(), 77)
+        entry = f"cookie={number:#x},priority=100,in_port=2,actions=output:4"
+        words = ["ovs-ofctl", "-O", "OpenFlow14", "add-flow", "q1", entry]
+        done = subprocess.run(words, capture_output=True, text=True, timeout=SOON_S)
+        assert "OFPFMFC_EPERM" in done.stderr
+        wait_until(lambda: facts(network, "refused"), "a refusal")
+        (refused,) = facts(network, "refused")
+        assert refused["detail"] == "SETUP_UNSEEN: q1"
+        assert light_paths("q1") == {}
+        with session(network, "alice", "bob") as honest:
+            assert honest.carry(b"seen") == b"seen"
 
 
 def test_the_verb_prints_the_count() -> None:

@@ -20,6 +20,7 @@ from topologies.timeouts import READY_TIMEOUT_S, RECONNECT_MS
 from wire.config import AgentConfig
 from wire.credentials import Credentials
 from wire.parameters.checks import check_number
+from wire.parameters.network import REQUIRED
 from wire.parameters.physics import BadParameter
 from wire.parameters.switch import OPTICS
 
@@ -93,6 +94,8 @@ class OpticalSwitch(ClassicalSwitch):
             listen=str(openvswitch.agent_socket(self.name)),
             controllers=self._controllers(controllers),
             management=network.socket(f"{self.name}-bridge"),
+            needs_copies=network.settings.metadata_at_switch == REQUIRED
+            and self.controller_port is None,
             programs=str(openvswitch.management(self.name)),
             dispatcher=network.socket(DISPATCHER),
             token=network.token(self.name),

@@ -188,7 +188,7 @@ def port_statistics(number: int, properties: bytes = b"") -> bytes:
 
 
 def packet_in(in_port: int, frame: bytes) -> bytes:
-    fixed = packets.PACKET_IN.pack(ofp.OFP_NO_BUFFER, len(frame), 0, 0, 0)
+    fixed = packets.PACKET_IN.pack(ofp.OFP_NO_BUFFER, len(frame), ofp.OFPR_APPLY_ACTION, 0, 0)
     match = matches.join(matches.of_port(in_port))
     return encode(ofp.OFPT_PACKET_IN, 0, fixed + match + bytes(2) + frame)
 

@@ -6,10 +6,15 @@ import openflow_messages as of
 import pytest
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
+from scapy.layers.inet import IP, TCP, IPOption_NOP
+from scapy.layers.l2 import Ether
 
 from qswitch_agent.openflow import packets
 from qswitch_agent.openflow.packets import PacketOut
 from wire.malformed import MalformedPacket
+from wire.metadata.header import QUANTUM_SWITCHES
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Handshake, Service
 
 
 def test_packet_out_of_os_ken_is_decoded() -> None:
@@ -44,6 +49,25 @@ def test_packet_in_tells_its_port_and_frame() -> None:
     for size in range(8, len(message) - len(of.LLDP) - 6):
         with pytest.raises(MalformedPacket):
             packets.packet_in(message[:size])
+
+
+SETUP = Setup(7, Service.SDC, Handshake.FRAMED, "10.0.0.3", 1000, 100, 1_000_000)
+SEGMENT = IP(src="10.0.0.1", dst="10.0.0.2", options=[IPOption_NOP()] * 4) / TCP(dport=9010)
+COPY = bytes(Ether(dst=QUANTUM_SWITCHES) / SEGMENT / SETUP.encode())
+
+
+def test_a_copy_is_known_by_its_address_its_reason_and_its_message() -> None:
+    message = of.packet_in(9, COPY)
+    assert packets.copied_setup(message) == SETUP
+    reason = 8 + struct.calcsize("!IH")
+    by_packet_out = message[:reason] + bytes([ofp.OFPR_PACKET_OUT]) + message[reason + 1 :]
+    to_bob = Ether(dst="02:00:00:00:00:02") / SEGMENT / SETUP.encode()
+    data = Ether(dst=QUANTUM_SWITCHES) / SEGMENT / b"behind a set-up"
+    others = [of.packet_in(9, bytes(frame)) for frame in (to_bob, data)]
+    for other in (by_packet_out, *others):
+        assert packets.copied_setup(other) is None
+    for size in range(len(COPY)):
+        assert packets.copied_setup(of.packet_in(9, COPY[:size])) is None
 
 
 def test_ports_of_all_buckets_are_found() -> None:
