@@ -10,7 +10,7 @@ from qswitch_agent.openflow.instructions import each_action, output_ports
 from qswitch_agent.openflow.messages import HEADER, MalformedPart, strict, with_body
 from wire.malformed import MalformedPacket
 from wire.metadata.decoding import decode
-from wire.metadata.header import QUANTUM_SWITCHES
+from wire.metadata.header import TO_SWITCHES
 from wire.metadata.setup import SETUP_LENGTH, Setup
 
 PACKET_OUT = struct.Struct(ofp.OFP_PACKET_OUT_PACK_STR)  # buffer, in_port, length of actions
@@ -20,7 +20,6 @@ GROUP_MOD = struct.Struct(ofp.OFP_GROUP_MOD_PACK_STR)  # command, type, group
 BUCKET = struct.Struct(ofp.OFP_BUCKET_PACK_STR)  # length, weight, port, group
 BUNDLE = struct.Struct(ofp.OFP_BUNDLE_CTRL_MSG_PACK_STR)  # bundle, type (or padding), flags
 ETHERTYPE, IP = slice(12, 14), 14
-TO_SWITCHES = bytes.fromhex(QUANTUM_SWITCHES.replace(":", ""))
 
 
 @dataclass(frozen=True)

@@ -75,6 +75,7 @@ def _metadata() -> dict[str, Any]:
         "magic": header.MAGIC,
         "version": header.VERSION,
         "port": header.METADATA_PORT,
+        "switches": header.TO_SWITCHES.hex(),
         "header": header.HEADER.size,
         "max_length": header.MAX_LENGTH,
         "max_frames": MAX_FRAMES,

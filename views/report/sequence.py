@@ -14,7 +14,7 @@ from views.report.places import columns
 from views.report.streams import Flow
 from wire.dispatcher_pb2 import Event
 from wire.metadata.blocks import Block, Emission, Emit, Emitted, Finish, Report
-from wire.metadata.header import Message
+from wire.metadata.header import TO_SWITCHES, Message
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.values import Envelope, Topic, Values
 from wire.metadata.vocabulary import FEC_NAMES, Reason, Service, Verdict
@@ -201,12 +201,15 @@ def _openflow_steps(spoken: Sequence[Spoken], port: int, network: NetworkFacts) 
     programmed on the others.
     """
     copper, switches = copper_lane(network), switches_lane(network)
-    held = [each for each in spoken if each[2][1] in HOLDING and holds_setup(each[2])]
+    held = [each for each in spoken if _holds(each[2])]
     classical = {_switch_port(flow, port) for _time_ns, flow, _data in held}
     programmed: set[int] = set()
     for time_ns, flow, data in spoken:
         kind, up, switch_port = data[1], flow.target_port == port, _switch_port(flow, port)
-        if kind in HOLDING and holds_setup(data):
+        if kind in HOLDING and TO_SWITCHES in data:
+            if holds_setup(data):
+                yield Step(OPENFLOW, switches, time_ns, "packet-in: set-up seen", CONTROLLER)
+        elif _holds(data):
             text = "packet-in: set-up held" if up else "packet-out: set-up released"
             ends = (copper, CONTROLLER) if up else (CONTROLLER, copper)
             yield Step(OPENFLOW, ends[0], time_ns, text, ends[1])
@@ -219,6 +222,11 @@ def _openflow_steps(spoken: Sequence[Spoken], port: int, network: NetworkFacts) 
             yield Step(OPENFLOW, CONTROLLER, time_ns, "barrier", switches)
         elif kind == BARRIER_REPLY and up and switch_port in programmed:
             yield Step(OPENFLOW, switches, time_ns, "barrier reply: path ready", CONTROLLER)
+
+
+def _holds(data: bytes) -> bool:
+    """Return whether a message of OpenFlow holds a set-up; copies for quantum switches apart."""
+    return data[1] in HOLDING and holds_setup(data) and TO_SWITCHES not in data
 
 
 def _switch_port(flow: Flow, port: int) -> int:

@@ -19,6 +19,7 @@ from wire.malformed import MalformedPacket
 
 METADATA_PORT = 9010
 QUANTUM_SWITCHES = "03:51:4d:00:00:01"  # of copies for them: of a group, locally administered
+TO_SWITCHES = bytes.fromhex(QUANTUM_SWITCHES.replace(":", ""))
 MAGIC = 0x514D  # "QM"
 VERSION = 5
 MAX_LENGTH = 1 << 17

@@ -19,6 +19,7 @@ from qmn.results.run_result import RunResult
 from wire.config import PathOptics, QuantumSwitch
 from wire.controller_lines import RECORD
 from wire.dispatcher_pb2 import BlockId, Event
+from wire.metadata.header import TO_SWITCHES
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import Handshake, Reason, Service, Verdict
 from wire.parameters.fiber import Fiber, FiberEnd, FiberOptics
@@ -89,14 +90,16 @@ def captures(folder: Path) -> None:
     first, second = ANSWER.encode()[:9], ANSWER.encode()[9:]
     answer = [(5 * MS, segment(back, 1, first)), (5 * MS + 1, segment(back, 10, second))]
     capture(folder / "s1-eth2.pcap", [(4 * MS, segment(there, 1, granted)), *answer])
+    copy = TO_SWITCHES + b"frame" + setup
     classical, quantum, controller = (("127.0.0.1", port) for port in (50_001, 50_002, 6653))
     capture(
         folder / "c0.pcap",
         [
             (1, segment((controller, classical), 1, openflow(14))),
             (MS, segment((classical, controller), 1, openflow(10, b"frame" + setup))),
+            (MS + 1, segment((quantum, controller), 1, openflow(10, copy))),
             (2 * MS, segment((controller, quantum), 1, openflow(14) + openflow(20))),
-            (3 * MS, segment((quantum, controller), 1, openflow(21))),
+            (3 * MS, segment((quantum, controller), 1 + len(openflow(10, copy)), openflow(21))),
             (4 * MS - 1, segment((controller, classical), 9, openflow(13, b"frame" + granted))),
         ],
     )

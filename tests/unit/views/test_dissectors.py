@@ -34,7 +34,7 @@ from wire.key_routes import Hop, KeyLinks, KeyRoute, KeyRouteRequest, LinkState
 from wire.malformed import MalformedPacket
 from wire.metadata.blocks import Block, Emission, Emit, Emitted, Finish, Frame, Report
 from wire.metadata.decoding import decode, message_length
-from wire.metadata.header import HEADER, Message
+from wire.metadata.header import HEADER, TO_SWITCHES, Message
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.values import Envelope, Topic, Values
 from wire.metadata.vocabulary import Handshake, Reason, Service, Verdict
@@ -554,6 +554,17 @@ def test_copies_on_further_links_are_shown_too(tmp_path: Path) -> None:
     frames = [segment(SETUP.encode()), segment(SETUP.encode())]
     rows = shown(tmp_path, frames, ["qmeta.kind"])
     assert [row["qmeta.kind"] for row in rows] == [["1"], ["1"]]
+
+
+def test_a_copy_for_quantum_switches_is_a_message_where_it_comes_alone(tmp_path: Path) -> None:
+    message = segment(SETUP.encode())
+    copy = TO_SWITCHES + message[6:]
+    fields = ["qmeta.kind", "_ws.col.Info"]
+    (alone,) = shown(tmp_path, [copy], fields)
+    merged = shown(tmp_path, [message, copy, message], fields)
+    assert alone["qmeta.kind"] == ["1"]
+    assert [row["qmeta.kind"] for row in merged] == [["1"], [], ["1"]]
+    assert merged[1]["_ws.col.Info"] == ["[TCP Retransmission] copy for quantum switches"]
 
 
 def test_lua_text_cannot_end_its_quotes() -> None:

@@ -104,6 +104,7 @@ def test_both_layers_are_on_one_clock(tmp_path: Path) -> None:
     assert [(step.time_ns - START_NS, step.lane, step.to_lane, step.text) for step in steps] == [
         (0, "alice", "bob", "Setup SDC, code none: GRANTED"),
         (MS, "s1", "c0", "packet-in: set-up held"),
+        (MS + 1, "q1 … q2", "c0", "packet-in: set-up seen"),
         (2 * MS, "q1 … q2", "", "q1 open 2→3"),
         (2 * MS, "q1 … q2", "", "q2 open 1→2"),
         (2 * MS, "c0", "q1 … q2", "FLOW_MOD"),  # that to s1 is none of the path's
@@ -117,7 +118,7 @@ def test_both_layers_are_on_one_clock(tmp_path: Path) -> None:
     ]
     assert more == 0
     assert [step.arrival_ns and step.arrival_ns - START_NS for step in steps if step.to_lane] == [
-        4 * MS, None, None, None, 4 * MS, None, None, 6 * MS,
+        4 * MS, None, None, None, None, 4 * MS, None, None, 6 * MS,
     ]  # fmt: skip
     assert lanes(steps, NETWORK) == ["alice", "bob", "s1", "c0", "q1 … q2"]
 
@@ -128,7 +129,7 @@ def test_switches_of_copper_have_any_names(tmp_path: Path, names: list[str], lan
     network = replace(NETWORK, copper_switches=names)
     steps, _more = handshake(tmp_path, network, events(), 6653)
     held = [(step.lane, step.to_lane) for step in steps if "set-up" in step.text]
-    assert held == [(lane, "c0"), ("c0", lane)]
+    assert held == [(lane, "c0"), ("q1 … q2", "c0"), ("c0", lane)]
     assert lanes(steps, network) == ["alice", "bob", lane, "c0", "q1 … q2"]
 
 

@@ -337,10 +337,14 @@ DissectorTable.get("tcp.port"):add(format.port, qmeta)
 local again = Proto("qmeta_again", "Quantum metadata on a further link")
 local payload_field = Field.new("tcp.payload")
 
-function again.dissector(_, pinfo, tree)
+function again.dissector(frame, pinfo, tree)
     local payload = payload_field()
     if not payload or dissected[pinfo.number] then return end
     if pinfo.src_port ~= format.port and pinfo.dst_port ~= format.port then return end
+    if frame:range(0, 6):bytes():tohex(true) == format.switches then
+        pinfo.cols.protocol, pinfo.cols.info = "QMETA", "copy for quantum switches"
+        return -- filters by fields find the message once
+    end
     local range, offset, summaries = payload.range, 0, {}
     while offset < range:len() do
         local rest = range:range(offset)
