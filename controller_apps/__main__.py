@@ -56,7 +56,6 @@ def main() -> int:
 
 
 def run(config: ControllerConfig) -> None:
-    """Serve until SIGTERM or SIGINT."""
     read_policy(config.policy)  # the apps read it; errors are reported before they start
     framework = load_framework(config.framework)
     host, port = read_address("listen", config.listen)

@@ -16,7 +16,6 @@ def invalid(message: str) -> Refusal:
 
 
 def denied(message: str) -> Refusal:
-    """Return the refusal of what is not the caller's to do."""
     return Refusal(grpc.StatusCode.PERMISSION_DENIED, message)
 
 

@@ -69,7 +69,6 @@ class MeasuredHardware:
             return await self._hardware.read()
 
     async def watch(self, on_condition: Callable[[Condition], None]) -> None:
-        """Report the condition at once and after each change."""
         await self._hardware.watch(on_condition)
 
     async def close(self) -> None:

@@ -27,7 +27,6 @@ class TappedTopo(SdcTopo):
     """alice, bob, charlie and eve; ed holds the qubits."""
 
     def build(self, **fiber: Any) -> None:
-        """Lay copper and fibre; every fibre is alike: `preset`, or FiberOptics."""
         super().build(**fiber)
         self.add_host("eve", "10.0.0.5")
         self.join("eve", "q1", 2)

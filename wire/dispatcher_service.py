@@ -62,7 +62,6 @@ def slot_of(time: NetworkTime) -> tuple[tuple[str, str], ...]:
 
 
 def slot(metadata: Iterable[tuple[str, str | bytes]] | None) -> int:
-    """Return the slot that a call's metadata names, 0 if it names none."""
     return int(dict(metadata or ()).get(SLOT_KEY, 0))
 
 

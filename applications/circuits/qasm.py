@@ -46,8 +46,6 @@ class Operand:
 
 
 class _Reader:
-    """Reads one program from its first statement to its last."""
-
     def __init__(self, source: Source) -> None:
         self._tokens = Tokens(source)
         self._gates = standard_gates()

@@ -71,7 +71,6 @@ class Tokens:
         return name.text
 
     def integer(self) -> int | None:
-        """Return the whole number that comes next, or None if none does."""
         if self.next.kind != "number" or not self.next.text.isdecimal():
             return None
         return int(self.take().text)

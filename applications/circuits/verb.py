@@ -87,7 +87,6 @@ def facts(circuit: Circuit, counts: list[tuple[str, int]], asked: CircuitRun) ->
 
 
 def show(circuit: Circuit, counts: list[tuple[str, int]], asked: CircuitRun) -> None:
-    """Print the counts as a table, the most frequent first."""
     console = Console(highlight=False, soft_wrap=True)
     console.print(
         f"{circuit.qubits} qubits, {asked.shots:,} shots, seed {asked.seed}, backend "

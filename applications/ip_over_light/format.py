@@ -16,8 +16,6 @@ DEFAULT_MTU = 9000  # every packet is read and written by a program: few large o
 
 @dataclass(frozen=True)
 class Neighbor:
-    """Another host that has a q0."""
-
     host: str
     copper: str  # its address there, by which sessions name it
     address: str  # of its q0

@@ -56,7 +56,6 @@ class Router(Protocol):
 
 class KeyDelivery:
     def __init__(self, config: KeyManagerConfig, tell: Tell, send: Send) -> None:
-        """Open the stores; KeyStoreError if one cannot be."""
         self._config, self._tell = config, tell
         self._stored = StoredKeys(config)
         self.stores, self.withheld = self._stored.stores, self._stored.withheld

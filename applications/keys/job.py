@@ -140,6 +140,5 @@ def introduce(console: Console, managers: KeyManagers) -> None:
 
 
 def show(console: Console, moment: Moment) -> None:
-    """Print what an opener of sessions or the run itself prints."""
     if not isinstance(moment, SessionMoment) or moment.opened:
         console.print(moments.words(moment), soft_wrap=True, markup=False)

@@ -20,8 +20,6 @@ from hosts.stack_socket import QuantumSocketError
 
 
 class Connection(BaseNetQASMConnection):
-    """An application's connection to the processing unit of its host."""
-
     placement: Placement  # these two are set where the class is installed
     ends: Mapping[str, RoundEnd]  # by role
 

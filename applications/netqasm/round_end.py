@@ -22,7 +22,6 @@ class RoundEnd:
         self._left: list[ProcessingSocket] = []
 
     def keep(self, unit: ProcessingSocket) -> None:
-        """Keep the qubits of a connection until the end of the round."""
         self._left.append(unit)
 
     def wait(self) -> None:

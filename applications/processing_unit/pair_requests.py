@@ -35,8 +35,6 @@ class Use(IntEnum):
 
 
 class Verdict(IntEnum):
-    """The reply of the receiver's unit."""
-
     READY = 0
     NOBODY = 1  # no application there has asked to receive, for as long as a request waits
     OTHER_USE = 2

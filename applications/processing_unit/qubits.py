@@ -51,7 +51,6 @@ class Qubits:
         return qubit in self._blocks
 
     def new_block(self) -> BlockName:
-        """Return a name that no other qubit has or had."""
         return BlockName(self._session, next(self._numbers), 0)
 
     def place(self, qubit: int, block: BlockName) -> None:
@@ -64,7 +63,6 @@ class Qubits:
         self._blocks[qubit] = block
 
     def allocate(self, qubit: int) -> None:
-        """Make a new qubit in |0>."""
         block = self.new_block()
         self.place(qubit, block)
         self._do(Kind.ZERO, block)

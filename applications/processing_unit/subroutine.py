@@ -96,8 +96,6 @@ NUMBERS = {name: number for number, (name, _kinds) in INSTRUCTIONS.items()}
 
 
 class Subroutine(NamedTuple):
-    """The instructions of an application for a processing unit."""
-
     application: int
     instructions: tuple[Instruction, ...]
 

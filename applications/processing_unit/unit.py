@@ -76,10 +76,7 @@ class Unit:
 
 
 class Connection:
-    """One connection of an application, from its first message to its last."""
-
     def __init__(self, begin: Callable[[InitApplication], Application]) -> None:
-        """Begin without an application."""
         self._begin = begin
         self._application: Application | None = None
         self._number = self._messages = 0

@@ -72,7 +72,6 @@ class StrongSwan:
         self._begun_s = 0.0
 
     def end_former(self) -> None:
-        """End the association with the key before."""
         self._end(NAMES[1 - self._turn])
 
     def close(self) -> None:

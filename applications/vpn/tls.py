@@ -52,7 +52,6 @@ class Tls:
         self._answered = threading.Event()
 
     def set_up(self) -> None:
-        """Make the interface; TunError if it cannot be."""
         self._tun = Tun(self._interface, [f"{self._inside[0]}/{self._prefix_length}"], MTU)
         threading.Thread(target=self._send_all, daemon=True, name="sender").start()
 

@@ -35,7 +35,6 @@ class WireGuard:
         command(["ip", "link", "set", self.interface, "mtu", str(MTU), "up"])
 
     def use(self, _key_id: UUID, key: bytes) -> None:
-        """Let packets pass with this preshared key, as soon as both ends have it."""
         if len(key) != KEY_BYTES:
             raise TunnelError(f"a preshared key has {KEY_BYTES} bytes, not {len(key)}")
         reached = []

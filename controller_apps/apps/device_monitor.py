@@ -214,7 +214,6 @@ class DeviceMonitor(App):
         return body
 
     def takes(self, message: Any) -> bool:
-        """Take datagrams that a classical switch has picked out."""
         return flow_entries.is_picked_datagram(message, self.quantum_switches)
 
     @on(ofp_event.EventOFPPacketIn, MAIN)

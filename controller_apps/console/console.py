@@ -18,8 +18,6 @@ log = logging.getLogger("console")
 
 
 class Console:
-    """Serves one connection after the other, each with deadlines."""
-
     def __init__(self, path: str) -> None:
         """Open the socket; raise OSError if that cannot be."""
         Path(path).unlink(missing_ok=True)  # of a controller that was killed: it held our port

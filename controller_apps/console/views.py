@@ -10,7 +10,6 @@ from wire.metadata.vocabulary import Handshake, Service
 
 
 def sessions_view(sessions: Sessions, network: Network, now: float) -> list[dict[str, Any]]:
-    """Return each session, oldest first."""
     return [
         {
             "session": f"{session.number:016x}",

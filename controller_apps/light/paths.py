@@ -61,7 +61,6 @@ def switches(hops: Iterable[Hop]) -> list[int]:
 
 @lru_cache(MAX_PORTS)
 def natural_order(name: str) -> tuple[tuple[int, str], ...]:
-    """Return a key that sorts alice-q2 before alice-q10."""
     parts = re.split(r"([0-9]+)", name)
     return tuple((int(part), "") if part.isdecimal() else (0, part) for part in parts)
 

@@ -90,7 +90,6 @@ class Rule:
         )
 
     def excess(self, request: SessionRequest) -> str:
-        """Return which limit a request breaks, "" if it keeps them all."""
         requested = {
             "max_rate_hz": request.rate_hz,
             "max_block_pairs": request.block_pairs,

@@ -40,8 +40,6 @@ class Handshake:
 
 @dataclass
 class Handshakes:
-    """The last handshake of each of the latest connections."""
-
     _by_connection: dict[FiveTuple, Handshake] = field(default_factory=dict)  # the oldest first
     _of: Counter[str] = field(default_factory=Counter)
 

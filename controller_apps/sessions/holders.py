@@ -20,8 +20,6 @@ class Holder(NamedTuple):
 
 @dataclass
 class Holders:
-    """The last holder of each direction of a port."""
-
     order: int = 0  # how often light was given back
     _last: dict[Direction, Holder] = field(default_factory=dict)
 

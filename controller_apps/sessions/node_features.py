@@ -37,7 +37,6 @@ class Want:
 
 
 def first_want(setup: Setup, hosts: Mapping[Role, str], network: Network) -> Want | None:
-    """Return what the first of the hosts lacks for its role, None if nothing."""
     by = making(setup, hosts[Role.OPENER])
     wants = (
         _want(network, address, role, needs(Service(setup.service), role, by))

@@ -19,7 +19,6 @@ from wire.services import RETURNS
 
 
 def returned_on(setup: Setup, five_tuple: FiveTuple, sessions: Sessions) -> Session | None:
-    """Return the session whose light a return would use, None if there is none."""
     candidates = (
         session
         for session in sessions.by_number.values()

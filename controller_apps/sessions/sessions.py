@@ -299,7 +299,6 @@ class Sessions:
             del self.ended[next(iter(self.ended))]
 
     def is_end(self, number: int, address: str) -> bool:
-        """Tell whether a host is, or was just now, at an end of a session."""
         session = self.by_number.get(number)
         if session is None:
             return address in self.ended.get(number, ())

@@ -120,7 +120,6 @@ class Devices:
 
 
 def require(devices: Devices, node: str, *any_of: Feature) -> None:
-    """Refuse unless the device of a node has one of these features."""
     features = devices.of(node).features
     if not any(each in features for each in any_of):
         names = " or ".join(str(each.name) for each in any_of)
@@ -128,7 +127,6 @@ def require(devices: Devices, node: str, *any_of: Feature) -> None:
 
 
 def require_encoding(devices: Devices, node: str, encoding: str) -> None:
-    """Refuse unless the detectors of a node tell qubits of this encoding."""
     measured = devices.of(node).detectors.encoding
     if encoding != measured:
         raise precondition(

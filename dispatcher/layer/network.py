@@ -118,7 +118,6 @@ class Network:
 
 
 def channel_of(line: Line) -> Channel | None:
-    """Return what a port's multiplexer fixes, None if it has none."""
     fixed_mhz = line.fiber.fixed_mhz
     return None if fixed_mhz is None else Channel(fixed_mhz, line.fiber.grid_mhz)
 

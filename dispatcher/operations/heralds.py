@@ -225,7 +225,6 @@ def _clicked(
 def _late_ps(
     jitter_ps: float, spread_ps: float, met: Met, random: PhotonRandom
 ) -> NDArray[np.float64] | None:
-    """Return how late each click of light is, None if none can be."""
     late_ps = met.delays_ps
     for what, rms_ps in (("jitter", jitter_ps), ("wavelength", spread_ps)):
         if rms_ps:

@@ -165,7 +165,6 @@ async def over(layer: PhysicalLayer, node: str, feedback: Feedback) -> Feedback:
 
 
 def noise_of_detectors(layer: PhysicalLayer, block: Block, place: str) -> Effect | None:
-    """Return the effect of a user's own noise model on what detectors report, if there is one."""
     model = layer.devices.noise(block.node, "detectors")
     if model is None:
         return None

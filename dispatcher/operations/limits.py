@@ -38,7 +38,6 @@ MAX_EMISSION_S = 30.0
 
 
 def states(request: CreateRequest) -> Bytes | None:
-    """Return the state of each photon of a block that is to be prepared, None of any other."""
     states = request.states or request.state_dibits
     if request.state != CreateRequest.PREPARED:
         if states:
@@ -152,13 +151,11 @@ def require_times(order: Order) -> None:
 
 
 def require_picks(count: int) -> None:
-    """Refuse to gather from no blocks or from too many."""
     if not 1 <= count <= MAX_PICKS:
         raise invalid(f"{count} picks; name 1 to {MAX_PICKS} blocks")
 
 
 def require_blocks(layer: PhysicalLayer, more: int, *makers: str) -> None:
-    """Refuse more blocks than there may be, or than each of their makers may have."""
     if layer.ownership.count + more > MAX_BLOCKS:
         raise exhausted(f"{MAX_BLOCKS} blocks are live; use larger blocks or discard some")
     for maker in makers:

@@ -118,7 +118,6 @@ class Measurements:
         return imperfections.lasts(feedback, imperfections.of_bell_measurement(gates) * by_gates)
 
     def _taken_up(self, node: str, *names: BlockName) -> tuple[Block, Block]:
-        """Take up two blocks for a Bell measurement, if their node can make it."""
         layer = self._layer
         first, second = (layer.ownership.require(name, node) for name in names)
         require_pairs(first, second)

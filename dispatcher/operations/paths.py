@@ -27,8 +27,6 @@ class Crossing(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A fibre on the way, and the switch that takes light on from there, if one does."""
-
     line: Line
     delay_ps: float  # from the beginning to its far end
     transmission: float

@@ -59,7 +59,6 @@ class TracedSabot:
         return self._inner.simulated_by(*registers)
 
     def require_capacity(self, register: Register, steps: Sequence[GateStep]) -> None:
-        """Raise TooLarge if these gates would need state vectors beyond the limits."""
         self._inner.require_capacity(register, steps)
 
     def zeros(self, count: int) -> Register:

@@ -13,7 +13,6 @@ class Chp:
     NAME = Tableau.NAME
 
     def __call__(self, qubits: int, members: int, /) -> Backend:
-        """Return the state with every qubit of every member in |0>."""
         return BitColumns(qubits) if members == 1 else Tableau(qubits, members)
 
 

@@ -94,14 +94,12 @@ class BitColumns(NamedGates):
         z[target] ^= control_x
 
     def pauli(self, qubit: int, paulis: Bytes) -> None:
-        """Apply the Pauli paulis[0]: 0 I, 1 X, 2 Z, 3 XZ."""
         if paulis[0] & 1:
             self._signs ^= self._z[qubit]
         if paulis[0] & 2:
             self._signs ^= self._x[qubit]
 
     def measure(self, qubit: int, randomness: Randomness) -> tuple[Bytes, bool]:
-        """Measure Z; return a bit and whether the state determined it, else it is the fair bit."""
         if self.is_determined(qubit):
             return np.array([self.value(qubit)], dtype=np.uint8), True
         bits = randomness.bits().copy()
@@ -172,7 +170,6 @@ class BitColumns(NamedGates):
         columns_z[qubit] |= pivot
 
     def discard(self, qubit: int) -> None:
-        """Drop a qubit whose Z is determined; those behind it move up by one."""
         rows = self._x[qubit]
         if not self.is_determined(qubit):
             raise ValueError(f"qubit {qubit} is not in a state of Z: measure it first")
@@ -190,7 +187,6 @@ class BitColumns(NamedGates):
         self._signs = _without(_without(self._signs, pivot), partner)
 
     def tensor(self, other: Self) -> Self:
-        """Return the joint state of both; the other's qubits follow this one's."""
         ours, theirs = self.qubits, other.qubits
 
         def ours_in(column: int) -> int:

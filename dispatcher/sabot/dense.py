@@ -88,7 +88,6 @@ class Dense:
 
     @property
     def nbytes(self) -> int:
-        """Return the memory that the state takes, in bytes."""
         return self._amplitudes.nbytes
 
     @property
@@ -127,7 +126,6 @@ class Dense:
                 raise ValueError(f"gate {name} does not act on {len(qubits)} qubits")
 
     def pauli(self, qubit: int, paulis: Bytes) -> None:
-        """Apply to member j the Pauli paulis[j]: 0 I, 1 X, 2 Z, 3 XZ."""
         zero, one = self._halves(qubit)
         one[paulis > 1] *= -1
         flipped = (paulis & 1).astype(bool)
@@ -156,7 +154,6 @@ class Dense:
         self._normalize()
 
     def measure(self, qubit: int, randomness: Randomness) -> tuple[Bytes, bool]:
-        """Measure Z; return a bit for each member and whether the states determined them all."""
         zero, one = self._halves(qubit)
         weights = [np.sum(np.abs(half) ** 2, axis=(1, 2)) for half in (zero, one)]
         probability = np.round(weights[1] / (weights[0] + weights[1]), DIGITS)
@@ -170,7 +167,6 @@ class Dense:
         return bits, determined
 
     def discard(self, qubit: int) -> None:
-        """Drop a qubit that has just been measured; those behind it move up by one."""
         zero, one = self._halves(qubit)
         if (zero.any(axis=(1, 2)) & one.any(axis=(1, 2))).any():
             raise ValueError(f"qubit {qubit} is not in a state of Z: measure it first")
@@ -178,7 +174,6 @@ class Dense:
         self._qubits -= 1
 
     def tensor(self, other: Self) -> Self:
-        """Return the joint state of both; the other's qubits follow this one's."""
         joint = other._amplitudes[:, :, None] * self._amplitudes[:, None, :]
         return self._of(self.qubits + other.qubits, joint.reshape(self.members, -1))
 

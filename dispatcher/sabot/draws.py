@@ -66,7 +66,6 @@ class PhotonDraws:
         return self._fractions
 
     def uniform(self) -> Uniform:
-        """Return a number from [0, 1) for each photon; bits() are their first binary digits."""
         return (self.bits() + self.fractions()) / 2
 
     def at(self, positions: NDArray[np.unsignedinteger] | slice) -> "PhotonDraws":

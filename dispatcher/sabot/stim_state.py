@@ -82,15 +82,10 @@ class StimState:
                 raise ValueError(f"gate {name} does not act on {len(qubits)} qubits")
 
     def pauli(self, qubit: int, paulis: Bytes) -> None:
-        """Apply to member j the Pauli paulis[j]: 0 I, 1 X, 2 Z, 3 XZ."""
         self._x[qubit] ^= paulis & 1
         self._z[qubit] ^= paulis >> 1
 
     def measure(self, qubit: int, randomness: Randomness) -> tuple[Bytes, bool]:
-        """Measure Z; return a bit for each member and whether the state determined them.
-
-        An outcome that is not determined is the fair bit.
-        """
         outcome, kickback = self._simulator.measure_kickback(qubit)
         value = self._x[qubit] ^ np.uint8(outcome)
         if kickback is None:
@@ -103,7 +98,6 @@ class StimState:
         return bits, False
 
     def discard(self, qubit: int) -> None:
-        """Drop a qubit whose Z is determined; those behind it move up by one."""
         if not self._simulator.peek_z(qubit):
             raise ValueError(f"qubit {qubit} is not in a state of Z: measure it first")
         rows = [str(row) for row in self._simulator.canonical_stabilizers()]
@@ -113,7 +107,6 @@ class StimState:
         self._x, self._z = (np.delete(frame, qubit, axis=0) for frame in (self._x, self._z))
 
     def tensor(self, other: Self) -> Self:
-        """Return the joint state of both; the other's qubits follow this one's."""
         simulator = stim.TableauSimulator(seed=0)
         simulator.set_inverse_tableau(
             self._simulator.current_inverse_tableau() + other._simulator.current_inverse_tableau()
@@ -127,7 +120,6 @@ class StimState:
         )
 
     def factor(self) -> list[tuple[list[int], Self]]:
-        """Return the independent parts of the state, each with the qubits it consists of."""
         rows = self._simulator.canonical_stabilizers()
         x, z = _letters(rows)
         groups = independent_groups(x | z)

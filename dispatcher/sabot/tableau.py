@@ -57,7 +57,6 @@ class Tableau(NamedGates):
 
     @property
     def nbytes(self) -> int:
-        """Return the memory that the state takes, in bytes."""
         return self._x.nbytes + self._z.nbytes + self._signs.nbytes
 
     def __str__(self) -> str:
@@ -103,7 +102,6 @@ class Tableau(NamedGates):
         self.h(target)
 
     def pauli(self, qubit: int, paulis: Bytes) -> None:
-        """Apply to member j the Pauli paulis[j]: 0 I, 1 X, 2 Z, 3 XZ."""
         flips = (paulis & 1, paulis >> 1)
         for sign, x, z in zip(
             self._signs, self._x[self.qubits :, qubit], self._z[self.qubits :, qubit], strict=True
@@ -114,10 +112,6 @@ class Tableau(NamedGates):
                 sign ^= flips[1]
 
     def measure(self, qubit: int, randomness: Randomness) -> tuple[Bytes, bool]:
-        """Measure Z; return a bit for each member and whether the state determined them.
-
-        An outcome that is not determined is the fair bit.
-        """
         count = self.qubits
         anticommuting = np.flatnonzero(self._x[count:, qubit])
         if not anticommuting.size:
@@ -134,7 +128,6 @@ class Tableau(NamedGates):
         return bits.copy(), False
 
     def discard(self, qubit: int) -> None:
-        """Drop a qubit whose Z is determined; those behind it move up by one."""
         count = self.qubits
         involved = np.flatnonzero(self._x[:count, qubit])
         if not involved.size or self._x[count:, qubit].any():
@@ -151,7 +144,6 @@ class Tableau(NamedGates):
         self._restrict(every[every != pivot], every[every != qubit])
 
     def tensor(self, other: Self) -> Self:
-        """Return the joint state of both; the other's qubits follow this one's."""
         ours, theirs = self.qubits, other.qubits
         joint = type(self)(ours + theirs, 0)
         rows = (slice(0, ours), slice(ours + theirs, 2 * ours + theirs))

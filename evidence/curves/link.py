@@ -63,7 +63,6 @@ def fiber(port: str, far_port: str, **parameters: Any) -> Fiber:
 def configuration(
     seed: int, fibers: list[Fiber], devices: dict[str, Device] | None = None
 ) -> DispatcherConfig:
-    """Return a network without sockets."""
     listed = devices or {}
     return DispatcherConfig("", "", seed, dict.fromkeys(listed, ""), fibers, [], devices=listed)
 

@@ -116,7 +116,6 @@ def _seen(values: Values, level: int) -> float:
 
 
 def _known(values: Values) -> float:
-    """Return of how many sifted bits eve has a photon, in theory."""
     if values[EVE.name] == "off":
         return 0.0
     means, shares = means_of(values), shares_of(values)

@@ -101,7 +101,6 @@ class Message:
 
 
 def data_size(code: Code, bits: int) -> int:
-    """Return how much data can be encoded in this many bits."""
     least, most = 1, bits
     while least < most:
         middle = (least + most + 1) // 2

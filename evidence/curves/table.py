@@ -27,7 +27,6 @@ class Table:
         return len(self._known)
 
     def get(self, values: Values, seed: int) -> Outcome | None:
-        """Return the outcome at a point, None if it is not known."""
         return self._known.get(self._key(values, seed))
 
     def add(self, values: Values, seed: int, outcome: Outcome) -> None:

@@ -36,12 +36,10 @@ def pauli_probabilities(p: float, z: float) -> tuple[float, float, float, float]
 
 
 def bit_error(p: float) -> float:
-    """Return the bit error probability of superdense coding."""
     return p / 2
 
 
 def dibit_error(p: float) -> float:
-    """Return the probability that either bit of a dibit is wrong."""
     return 3 * p / 4
 
 

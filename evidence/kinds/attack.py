@@ -35,7 +35,6 @@ def describe(parser: Parser) -> None:
 
 
 def call(arguments: argparse.Namespace) -> int:
-    """Try it, and print the count of each trial."""
     if arguments.attempts is not None and not 0 < arguments.attempts <= 10_000:
         print(f"qmn: {arguments.attempts} attempts: choose 1 to 10000", file=sys.stderr)
         return 1

@@ -71,7 +71,6 @@ def call(arguments: argparse.Namespace) -> int:
 
 
 def do(options: LabOptions, signals: Signals, console: Console) -> int:
-    """Do the labs asked for, and return 1 if one has failed or is beyond its tolerance."""
     if not options.names and not options.all:
         listing.show(names())
         return 0
@@ -140,7 +139,6 @@ def all_done(
 
 
 def begun(name: str, options: LabOptions) -> Path | None:
-    """Return the folder of a lab to go on in, None if it starts from the beginning."""
     if not options.resume:
         return None
     return runs_done.newest(options.out, Path(name).name, options.seed)

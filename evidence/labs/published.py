@@ -19,8 +19,6 @@ WEAK_AT_40_KM, WEAK = 0.12, 0.05  # photons a pulse
 
 
 def threshold() -> Estimate:
-    """Return the error rate beyond which BB84 has no key."""
-
     from scipy.optimize import brentq  # takes a second, which few need
 
     def left(qber: float) -> float:

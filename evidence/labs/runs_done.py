@@ -54,7 +54,6 @@ def opened(folder: Path, lab: Lab, seed: int) -> Iterator[RunsDone]:
 
 
 def newest(out: Path, name: str, seed: int) -> Path | None:
-    """Return the newest folder of a lab with this seed, None if there is none."""
     mine = re.compile(rf"(\d{{8}}T\d{{6}})-{re.escape(name)}(?:-(\d+))?")
     known = {}
     for path in out.resolve().iterdir() if out.exists() else ():

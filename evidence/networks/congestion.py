@@ -104,7 +104,6 @@ def queued(values: Values) -> float | None:
 
 
 def teleported(values: Values) -> float | None:
-    """Return the theory of teleported after the wait that was measured."""
     return theory.waited_fidelity(number(values, WAITED.name), math.inf, number(values, T2.name), 0)
 
 

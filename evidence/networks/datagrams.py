@@ -22,7 +22,6 @@ SENT_NS = struct.Struct("!Q")
 
 
 def main() -> None:
-    """Say or hear until somebody ends it."""
     parser = argparse.ArgumentParser(prog="datagrams", description=__doc__)
     parser.add_argument("folder")
     verbs = parser.add_subparsers(dest="verb", required=True)

@@ -20,7 +20,6 @@ AT_A_TIME = 4
 
 
 def main() -> None:
-    """Ask until somebody ends it."""
     receiver, source = sys.argv[1:]
     print("ready", flush=True)
     for first in range(AT_A_TIME):

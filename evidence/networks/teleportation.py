@@ -96,7 +96,6 @@ def outcome(figures: TeleportFigures) -> Outcome:
 
 
 def teleported(values: Values) -> float | None:
-    """Return the theory of teleported after the wait that was measured."""
     waited_s = number(values, WAITED.name)
     if math.isnan(waited_s) or not is_default(values):
         return None

@@ -206,7 +206,6 @@ def _drive(
 
 
 def _follow(driver: Driver, total: int, network: Network, console: Console) -> None:
-    """Show meanwhile how many sessions are over, hold or wait, and are refused."""
     words = "{task.fields[held]} under way, {task.fields[refused]} refused"
     columns = TextColumn("sessions"), BarColumn(), MofNCompleteColumn(), TextColumn(words)
     with Progress(*columns, TimeElapsedColumn(), console=console) as bar:

@@ -113,7 +113,6 @@ def light_times(record: Sequence[dict[str, Any]], scale: float) -> dict[str, Any
 def waits(
     record: Iterable[dict[str, Any]], scale: float, began_ns: int, names: Mapping[str, str]
 ) -> list[LoadWait]:
-    """Return who waited for whose light, the longest first."""
     queued: dict[str, int] = {}
     after: dict[str, dict[str, Any]] = {}
     found = []
@@ -138,7 +137,6 @@ def waits(
 
 
 def mean(values: Sequence[float]) -> float | None:
-    """Return the mean, None of nothing."""
     return sum(values) / len(values) if values else None
 
 

@@ -26,7 +26,6 @@ def add_parser(verbs: Any) -> None:
 
 
 def call(arguments: argparse.Namespace) -> int:
-    """Become the script, or return the status of a file that is not there."""
     if arguments.file.is_file():
         try:
             # The server ends with this program, which the script replaces.

@@ -37,7 +37,6 @@ def add_parser(verbs: Any) -> None:
 
 
 def call(arguments: argparse.Namespace) -> int:
-    """Start Wireshark, or print what to type."""
     try:
         timeline, dissectors = prepare(arguments.run, arguments.whole)
     except (NoCaptures, MalformedPacket, OSError) as error:

@@ -30,7 +30,6 @@ def add_parser(verbs: Any) -> None:
 
 
 def call(arguments: argparse.Namespace) -> int:
-    """Serve until the scheduler ends it, or a signal does."""
     try:
         check_address(arguments.scheduler)
         require_root()

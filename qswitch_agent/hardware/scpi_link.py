@@ -135,7 +135,6 @@ class ScpiLink:
         await self._refuse(await self._line(), text)
 
     def drop(self) -> None:
-        """End the connection without a word."""
         if self._streams is not None:
             self._streams[1].close()
 

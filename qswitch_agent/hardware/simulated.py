@@ -151,7 +151,6 @@ class SimulatedSwitch:
         power_dbm: float | None,
         direction: Direction = Direction.BOTH,
     ) -> None:
-        """Tune a port's filters and its attenuator; None leaves a value as it is."""
         request = messages.TunePortRequest(
             switch=self._switch,
             port=port,

@@ -188,7 +188,6 @@ class FlowRemoved:
 
     @property
     def reason(self) -> int:
-        """Why it was removed (OFPRR_)."""
         return self.fixed[2]
 
     def shown(self, message: bytes, mark: Mark, photons: int, reason: int) -> bytes:

@@ -136,17 +136,14 @@ class Link:
 
     @property
     def deletions(self) -> list[FlowMod]:
-        """Requested deletions that may not have been reported yet."""
         return [mod for change in self._unreported if change.certain for mod in change.mods]
 
     @property
     def only_deletes(self) -> bool:
-        """Whether all changes that may not have been reported yet are deletions."""
         return self._unknown <= self._reported and all(one.certain for one in self._unreported)
 
     @property
     def all_reported(self) -> bool:
-        """Whether the flow monitor has certainly reported all changes."""
         return self._reported == self._changes
 
     def seen_in(self, table: FlowTable) -> bool:
@@ -176,7 +173,6 @@ class Link:
         self.to_bridge(request)
 
     async def confirm(self) -> bool:
-        """Wait until the bridge has made all changes; tell whether any may be unreported yet."""
         if self.confirmed < self._changes:
             await self._own_barrier()
         return self._reported < self.confirmed

@@ -98,7 +98,6 @@ class Server:
             link.close()
 
     async def _ask(self, link: Link, reader: StreamReader) -> str:
-        """Handle what the controller asks for, one message after the other."""
         requests, framer = Requests(self._switch, link), Framer()
         try:
             while data := await reader.read(CHUNK):

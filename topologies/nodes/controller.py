@@ -76,7 +76,6 @@ class QuantumController(QuantumNode, ManagedController):
 
     @property
     def program(self) -> Program | None:
-        """The controller's program, if it was started."""
         return self._early.program if self._early else None
 
     def _begin(self) -> EarlyStart:

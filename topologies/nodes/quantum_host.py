@@ -62,7 +62,7 @@ class QuantumHost(ClassicalHost):
     is given by parts, as detectors=Detectors(efficiency=0.8), or as one `device`; `source` may be a
     PairSource. `light` says who grants it (wire.config.LIGHT). Raise BadParameter if a value is out
     of range. `qnic` is "" for simulated hardware, or "path/to/file.py:ClassName" of a class of
-    one's own (hosts/hardware/choice.py), which is made with `qnic_parameters`.
+    one's own (hosts/hardware/simulated.py), which is made with `qnic_parameters`.
     """
 
     def __init__(

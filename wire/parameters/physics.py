@@ -101,7 +101,6 @@ class PairSource:
     noise_parameters: dict[str, Any] = field(default_factory=dict)
 
     def check(self, where: str) -> None:
-        """Raise BadParameter if a value is out of range."""
         check(where, self)
         self._check_decoys(where)
         if self.heralding_efficiency and self.statistics not in ("poisson", "thermal"):
@@ -227,7 +226,6 @@ class Memory:
         return min(self.t1_s, self.t2_s, self.depolarizing_s, self.retrieval_s)
 
     def check(self, where: str) -> None:
-        """Raise BadParameter if a value is out of range."""
         check(where, self)
         if self.t2_s > 2 * self.t1_s:
             raise BadParameter(
@@ -269,7 +267,6 @@ class Gates:
         return any((self.one_qubit_s, self.two_qubit_s, self.initialization_s, self.readout_s))
 
     def check(self, where: str) -> None:
-        """Raise BadParameter if a value is out of range."""
         check(where, self)
 
 
@@ -293,7 +290,6 @@ class Detectors:
     noise_parameters: dict[str, Any] = field(default_factory=dict)
 
     def check(self, where: str) -> None:
-        """Raise BadParameter if a value is out of range."""
         check(where, self)
 
 
@@ -317,7 +313,6 @@ class BellAnalyser:
     delay_line_db_per_km: float = parameter(0.2, 0.0, 1_000.0)
 
     def check(self, where: str) -> None:
-        """Raise BadParameter if a value is out of range."""
         check(where, self)
 
 
@@ -339,7 +334,6 @@ class Emitter:
     modes: int = parameter(1, 1, 1_000_000)  # qubits that attempt at the same time
 
     def check(self, where: str) -> None:
-        """Raise BadParameter if a value is out of range."""
         check(where, self)
 
 
@@ -350,7 +344,6 @@ class Sensor:
     phase_rad: float = parameter(0.0, -1e3, 1e3)  # of |1> beside |0>, each time
 
     def check(self, where: str) -> None:
-        """Raise BadParameter if a value is out of range."""
         check(where, self)
 
 

@@ -64,7 +64,6 @@ class Alice(End):
         return self._attempt(lambda: [self._parameters.proposal()])
 
     def add_block(self, record: Record) -> list[bytes]:
-        """Take what was prepared or measured of the next block."""
         if self.state is State.ABORTED:
             return []
         if (record.levels is None) is not (self._decoys is None):

@@ -46,7 +46,6 @@ class Decoys:
         return cls(message.means, message.shares)
 
     def message(self, count: int, levels: bytes) -> Intensities:
-        """Return the message that has them, and the packed levels of `count` bits."""
         signal, weak, vacuum = self.means
         shares = self.shares
         return Intensities(signal, weak, vacuum, shares[0], shares[1], shares[2], count, levels)

@@ -61,8 +61,6 @@ class SessionFailed(Exception):
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a session ended without a key."""
-
     reason: AbortReason
     text: str
     by_peer: bool  # the other end noticed

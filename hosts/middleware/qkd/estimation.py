@@ -21,7 +21,6 @@ class Estimate:
 
     @property
     def qber(self) -> float:
-        """Fraction of wrong bits, 0 to 1."""
         return self.errors / self.sample
 
     def beside(self, other: "Estimate") -> "Estimate":

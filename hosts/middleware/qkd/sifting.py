@@ -41,7 +41,6 @@ class Record:
 
     @property
     def photons(self) -> int:
-        """How many photons the block has, detected or not."""
         return self.bases.size
 
     @property

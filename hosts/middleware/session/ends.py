@@ -96,7 +96,6 @@ class ConnectionEnd(Performer):
                 return await super().carry_out(effect)
 
     def say(self, topic: int, block: int, numbers: ArrayLike, width: int) -> None:
-        """Tell the other end numbers of `width` bits."""
         self.channel.send(self.side.words(topic, block, numbers, width))
 
     def agree(self) -> None:

@@ -252,11 +252,9 @@ class Started:
 
     @property
     def returncode(self) -> int | None:
-        """The exit status, None while it runs."""
         return self._process.poll()
 
     async def wait(self) -> int:
-        """Wait until it has ended, and return its exit status."""
         loop, ended = asyncio.get_running_loop(), asyncio.Event()
         end = os.pidfd_open(self.pid)
         loop.add_reader(end, ended.set)
@@ -313,7 +311,6 @@ async def run(name: str, runner: str, certificates: dict[str, str]) -> None:
 
 
 def main() -> int:
-    """Serve until the runner has gone."""
     name, runner = sys.argv[1:]
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the runner's to hear
     try:

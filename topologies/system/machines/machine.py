@@ -63,11 +63,9 @@ class ProcessElsewhere:
         self._ended.set()
 
     def poll(self) -> int | None:
-        """Return the exit status, None while it runs."""
         return self._status
 
     def wait(self, timeout: float | None = None) -> int:
-        """Return the exit status; raise subprocess.TimeoutExpired if it has not ended by then."""
         if not self._ended.wait(timeout):
             raise subprocess.TimeoutExpired(f"on {self._machine.name}", timeout or 0)
         assert self._status is not None

@@ -40,7 +40,6 @@ class Forked:
         self._one_at_a_time = RLock()  # the kernel tells a status once
 
     def poll(self) -> int | None:
-        """Return the exit status, None while it runs."""
         with self._one_at_a_time:
             if self._status is None:
                 ended, status = os.waitpid(self.pid, os.WNOHANG)
@@ -48,7 +47,6 @@ class Forked:
             return self._status
 
     def wait(self, timeout: float) -> int:
-        """Wait until it has ended; raise subprocess.TimeoutExpired if it has not by then."""
         with self._one_at_a_time:
             if (status := self.poll()) is not None:
                 return status

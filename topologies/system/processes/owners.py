@@ -42,7 +42,6 @@ class Owner(NamedTuple):
 
     @property
     def state(self) -> str | None:
-        """The letter that the kernel gives, None for one that is gone."""
         state, start = _state_and_start(self.pid)
         return state if (start, _boot()) == (self.start, self.boot) else None
 
@@ -64,7 +63,6 @@ class Owner(NamedTuple):
 
 
 def owner(pid: int) -> Owner | None:
-    """Return the process that has this id now, None if there is none."""
     state, start = _state_and_start(pid)
     return None if state is None else Owner(pid, start, _boot())
 
@@ -76,7 +74,6 @@ def this_process() -> Owner:
 
 
 def from_words(words: str) -> Owner | None:
-    """Return the owner that is written so, None if no owner is."""
     matched = WORDS.fullmatch(words)
     return Owner(int(matched[1]), int(matched[2]), matched[3]) if matched else None
 

@@ -225,7 +225,6 @@ class Program:
         self._begins = 0
 
     def output(self) -> str:
-        """Return what it has printed since it was started last."""
         with self.log.open("rb") as log:
             log.seek(self._begins)
             return log.read().decode(errors="replace")
@@ -255,7 +254,6 @@ class Program:
 
     @property
     def processor_s(self) -> float:
-        """How long it has had a processor so far; 0 if it is gone."""
         process = None if self._process is None else owner(self._process.pid)
         return 0.0 if process is None else process.processor_s
 

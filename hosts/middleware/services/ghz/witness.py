@@ -39,7 +39,6 @@ class Tally:
     in_x: int = 0
 
     def add(self, bases: Table, outcomes: Table) -> None:
-        """Count states: bases and outcomes of all hosts, above 1 where there was none."""
         there = (outcomes <= 1).all(axis=0)
         in_z = bases[0] == Z
         found = outcomes[:, there & in_z]
@@ -55,7 +54,6 @@ class Tally:
         return self.in_z + self.in_x
 
     def summary(self) -> dict[str, Any]:
-        """Return the fidelity, and what it is of; None where nothing is known."""
         if not self.in_z or not self.in_x:
             return dict.fromkeys(("fidelity", "fidelity_error", "equal_in_z", "coherence"))
         equal, right = self.equal / self.in_z, self.right / self.in_x

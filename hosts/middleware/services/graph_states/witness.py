@@ -88,7 +88,6 @@ class Colours:
         return np.where(self._colours[:, None] == drawn, X, Z).astype(np.uint8)
 
     def add(self, bases: Table, outcomes: Table) -> None:
-        """Count states: bases and outcomes of all hosts, above 1 where there was none."""
         there = (outcomes <= 1).all(axis=0)
         in_x, found = bases[:, there] == X, outcomes[:, there]
         wrong = (found + self.graph.adjacency @ found) & 1 & in_x

@@ -21,7 +21,6 @@ class Interception:
     def __init__(
         self, qnic: Qnic, options: InterceptionOptions, seed: int, host: str, memory_qubits: int
     ) -> None:
-        """Raise SessionError if this host has too few fibres, or lacks a memory."""
         self._qnic, self._performer = qnic, Performer(qnic)
         self._passing = Passing(qnic.ports, options, (seed, *host.encode()), memory_qubits)
         self._arrivals = qnic.arrivals(self._passing.inward)  # from now on

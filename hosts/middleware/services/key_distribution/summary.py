@@ -91,7 +91,6 @@ class Progress:
 
 
 def so_far(progress: Progress, ends: Iterable[End], now_s: float) -> KeyProgress:
-    """Return the report while light is sent."""
     counts = progress.counts(ends)
     return KeyProgress(
         photons=progress.photons,

@@ -109,7 +109,6 @@ class Repeater:
         turn.require()
 
     def _pass_right(self, number: int, turn: Turn) -> Steps[None]:
-        """Pass the bits of all swaps to the left on, as they come."""
         missing = to_the_left_of(self._order.place)
         while missing:
             swapped = yield from self._incoming.swapped(number, missing)

@@ -107,7 +107,6 @@ def _measured(side: OpenerSide, number: int, states: States, size: int) -> Steps
 
 
 def receive(side: HostSide) -> Steps[None]:
-    """Take states in until the opener has no more."""
     tally, began_s = Tally(), (yield Now())
     while (coming := (yield from side.announced(side.setup.pairs))) is not None:
         counts = yield from _take_in(side, *coming)

@@ -48,7 +48,6 @@ class PerfectCode:
         return -(-data_bits // self.k) * self.n
 
     def encode(self, bits: Bits) -> Bits:
-        """Return the codewords of data, one after the other."""
         padded = np.zeros(-(-bits.size // self.k) * self.k, dtype=np.uint8)
         padded[: bits.size] = bits
         numbers = padded.reshape(-1, self.k) @ self._data_weights
