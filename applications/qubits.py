@@ -101,7 +101,6 @@ class Processor:
         self._instructions: list[Instruction] = []
 
     def qubit(self) -> Qubit:
-        """Return a new qubit in |0>."""
         (qubit,) = self._new(1)
         self.do("set", QUBIT, qubit.number)
         self.do("qalloc", QUBIT)

@@ -91,12 +91,10 @@ class RemoteSabot:
         return first, second
 
     def pauli(self, register: Register, paulis: Bytes) -> None:
-        """Apply to qubit j the Pauli paulis[j]: 0 I, 1 X, 2 Z, 3 XZ; shape (k,)."""
         values = paulis.astype(np.uint8, copy=False).tobytes()
         self._apply(register, paulis=values)
 
     def require_capacity(self, register: Register, steps: Sequence[GateStep]) -> None:
-        """Raise TooLarge if these gates would need state vectors beyond the limits."""
         if self._one_backend and not any(map(_needs_vectors, steps)):
             return
         self._apply(register, gates=map(_gate, steps), check=True)
@@ -114,7 +112,6 @@ class RemoteSabot:
             self._one_backend = False
 
     def measure(self, register: Register, bases: Bytes, draws: PhotonDraws) -> Bytes:
-        """Measure and discard every qubit in its own basis: 0 Z, 1 X, 2 Y."""
         request = messages.MeasureRequest(
             workspace=self._workspace,
             register=_number(register),
@@ -126,7 +123,6 @@ class RemoteSabot:
     def bell_measure(
         self, first: Register, second: Register, draws: tuple[PhotonDraws, PhotonDraws]
     ) -> Bytes:
-        """Measure in the Bell basis and discard: 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi-."""
         request = messages.BellMeasureRequest(
             workspace=self._workspace,
             first=_number(first),
@@ -137,7 +133,6 @@ class RemoteSabot:
         return self._outcomes(self._call(self._stub.BellMeasure, request))
 
     def reset(self, register: Register, mask: Mask, draws: PhotonDraws) -> None:
-        """Put the qubits of mask, shape (k,), into |0>."""
         request = messages.ResetRequest(
             workspace=self._workspace,
             register=_number(register),
@@ -149,7 +144,6 @@ class RemoteSabot:
     def kraus(
         self, register: Register, operators: Operators, mask: Mask, draws: PhotonDraws
     ) -> None:
-        """Let each qubit of mask, shape (k,), meet one of these Kraus operators, drawn."""
         count, met = operators.shape[-3], np.flatnonzero(mask)
         most = met.size if operators.ndim == 3 else MAX_KRAUS_NUMBERS // (4 * count)
         for start in range(0, met.size, max(most, 1)):
@@ -175,7 +169,6 @@ class RemoteSabot:
         self._done = self._call(self._stub.Drop, request)
 
     def lose(self, register: Register, lost: Mask) -> int:
-        """Mark qubits as lost, shape (k,); return how many were there until now."""
         more = int(np.count_nonzero(register.present & lost))
         if more:
             request = messages.LoseRequest(
@@ -186,7 +179,6 @@ class RemoteSabot:
         return more
 
     def part(self, register: Register, mask: Mask) -> Register:
-        """Move the qubits of mask, shape (k,), into a register of their own."""
         request = messages.PartRequest(
             workspace=self._workspace, register=_number(register), mask=packed_mask(mask)
         )
@@ -198,7 +190,6 @@ class RemoteSabot:
         return part
 
     def gather(self, picks: Sequence[Pick]) -> Register:
-        """Move qubits of some registers, in this order, into a register of their own."""
         request = messages.GatherRequest(workspace=self._workspace)
         for register, positions in picks:
             request.picks.add(register=_number(register), positions=positions.tolist())
@@ -215,10 +206,7 @@ class RemoteSabot:
         return gathered
 
     def explain(self, register: Register, place: str, photons: Bytes | Mask) -> None:
-        """Hear where what is done next to photons, those that are not 0, comes from.
-
-        It changes nothing; `dispatcher.tracing` writes it down.
-        """
+        pass  # it changes nothing
 
     def unite(self, register: Register, other: Register) -> None:
         request = messages.UniteRequest(
