@@ -11,8 +11,7 @@ from pathlib import Path
 
 from hosts import network_loop
 from hosts.hardware.announce import announce
-from hosts.hardware.choice import chosen_qnic
-from hosts.hardware.simulated import SimulatedQnic
+from hosts.hardware.simulated import SimulatedQnic, chosen_qnic
 from hosts.node_agent import start_node_agent
 from hosts.serving import processing
 from hosts.stack import Stack

@@ -29,12 +29,11 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.node_features import refusal
 from hosts.middleware.session.offers import check_wavelength
-from hosts.middleware.session.service_options import SessionOptions
+from hosts.middleware.session.options import SessionOptions
 from hosts.middleware.session.session import AcceptingSession, OpeningSession, require_source
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.middleware.session.values import Lifetimes
-from hosts.middleware.verdicts import Verdicts
-from hosts.serving.active_sessions import ActiveSessions
+from hosts.serving.active_sessions import ActiveSessions, Verdicts
 from hosts.serving.applications_port import ApplicationsPort
 from hosts.serving.ordered_seals import OrderedSeals
 from hosts.serving.processing import Attending, Sessions, processing_unit

@@ -13,9 +13,9 @@ from qmn.__main__ import described
 from qmn.completion import help_parsers
 from qmn.results.schema import json_schema
 from wire.parameters.fiber import FiberOptics
+from wire.parameters.option import unit_of
 from wire.parameters.physics import Device
 from wire.parameters.switch import QuantumSwitch
-from wire.parameters.units import unit_of
 
 INTRODUCTION = """# All options
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from applications.keys.key_managers import KeyService, start_key_managers
-from hosts.middleware.session.service_options import MAX_COUNT
+from hosts.middleware.session.options import MAX_COUNT
 from qmn.network.programs import NetworkProgram, Start
 from qmn.options import BadInput, check_range, check_ranges
 from topologies.networks.network import Network

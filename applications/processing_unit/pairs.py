@@ -35,11 +35,11 @@ from applications.processing_unit.qubits import Qubits
 from hosts.hardware.operations import BlockName, Kind, Operation
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import HardwareError
+from hosts.middleware.session.arrangement import growing_pauses
 from hosts.middleware.session.blocks import PAIRS
 from hosts.middleware.session.ends import Answerer
 from hosts.middleware.session.errors import SessionError
 from hosts.network_loop import now_s, retry_pause
-from hosts.pauses import growing_pauses
 from hosts.serving.processing import Sessions
 from hosts.timeouts import (
     ANSWER_TIMEOUT_S,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from applications.keys.request import PassingEve
 from applications.vpn.format import PROGRAMS, WIREGUARD
-from hosts.middleware.session.service_options import MAX_COUNT
+from hosts.middleware.session.options import MAX_COUNT
 from qmn.network.options import NetworkOptions
 from qmn.requests.run_options import RunOptions
 from wire.parameters.option import option

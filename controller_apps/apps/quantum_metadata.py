@@ -19,9 +19,8 @@ from controller_apps.apps.host_orders import (
     EventSessionReported,
     EventSwapsOrdered,
 )
-from controller_apps.apps.instants import Instants
 from controller_apps.apps.journal import Journal
-from controller_apps.apps.ticks import Ticks
+from controller_apps.apps.ticks import Instants, Ticks
 from controller_apps.console.questions import EventQuestion, Refused, reply
 from controller_apps.console.views import (
     fibers_view,

@@ -17,7 +17,7 @@ from ipaddress import IPv4Address
 from typing import Any
 
 from controller_apps.timeouts import NO_FILES_WAIT_S
-from programs import local_users
+from programs import connection_shares
 from programs.connection_shares import NO_FILES, PeerShares
 
 ROOT = 0
@@ -63,7 +63,7 @@ def owner(datapath: Any) -> int | None:
     host, port = datapath.address[:2]
     if not IPv4Address(host).is_loopback:
         return None
-    return local_users.owner(host, port)
+    return connection_shares.owner(host, port)
 
 
 AT_ONCE = 1 << 14  # bytes: about a hundred packets that a switch sends up

@@ -14,6 +14,9 @@ from typing import Any
 
 import grpc
 from google.protobuf.message import DecodeError
+from prometheus_client import CollectorRegistry, Histogram
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
 
 from dispatcher.build import open_layer
 from dispatcher.clock import clock_of
@@ -24,6 +27,7 @@ from dispatcher.server.servicer import Failed, Service
 from dispatcher.server.turns import Turns
 from dispatcher.timeouts import STOP_GRACE_S, STOP_TIMEOUT_S
 from programs.connection_shares import grpc_options, keep_shares
+from programs.metrics import SECONDS
 from programs.network_timers import timers_of
 from wire import dispatcher_service
 from wire.config import BadConfig, DispatcherConfig
@@ -107,7 +111,6 @@ def build_service(config: DispatcherConfig, layer: PhysicalLayer, failed: Failed
     callers = Callers(config.tokens, layer.network.switches.keys())
     if config.metrics_fd is None:
         return Service(layer, callers, failed, config.looking)
-    from dispatcher.server.metrics import MeasuredService
 
     return MeasuredService(layer, callers, failed, config.looking)
 
@@ -118,7 +121,6 @@ async def metrics(config: DispatcherConfig, service: Service) -> AsyncIterator[N
     if config.metrics_fd is None:
         yield
         return
-    from dispatcher.server.metrics import MeasuredService
     from programs.metrics import inherited
     from programs.metrics_server import serve as serve_metrics
 
@@ -243,3 +245,50 @@ def _private(paths: Iterable[str]) -> Iterator[None]:
         yield
     finally:
         os.umask(before)
+
+
+class MeasuredService(Service):
+    def __init__(
+        self, layer: PhysicalLayer, callers: Callers, failed: Failed, looking: bool = False
+    ) -> None:
+        super().__init__(layer, callers, failed, looking)
+        self.registry = CollectorRegistry()
+        self.registry.register(CurrentMetrics(self))
+        self._seconds = Histogram(
+            "qmn_rpc_seconds",
+            "What a request takes; send and receive wait for light.",
+            ["rpc"],
+            buckets=SECONDS,
+            registry=self.registry,
+        )
+
+    async def change(self, node: str, kind: str, request: Any) -> Any:
+        with self._seconds.labels(kind).time():
+            return await super().change(node, kind, request)
+
+
+class CurrentMetrics(Collector):
+    """Counts that the physical layer keeps anyway."""
+
+    def __init__(self, service: Service) -> None:
+        self._service = service
+
+    def collect(self) -> Iterator[Metric]:
+        status = self._service.status()
+        yield CounterMetricFamily(
+            "qmn_pairs_created", "Bell pairs that sources have made.", value=status.pairs_created
+        )
+        yield CounterMetricFamily(
+            "qmn_photons_lost", "Photons lost on their way or in memories.", status.photons_lost
+        )
+        yield CounterMetricFamily("qmn_events", "Quantum events.", status.events)
+        yield CounterMetricFamily(
+            "qmn_events_dropped", "Events that slow watchers have lost.", self._dropped()
+        )
+        yield GaugeMetricFamily("qmn_live_qubits", "Qubits that are simulated.", status.live_qubits)
+        yield GaugeMetricFamily(
+            "qmn_live_bytes", "Memory that holds their state.", status.live_bytes
+        )
+
+    def _dropped(self) -> int:
+        return self._service.layer.history.dropped

@@ -24,8 +24,8 @@ from evidence.curves.nested import Node
 from evidence.curves.parameters import Parameter, Values
 from hosts.hardware.operations import BlockName
 from hosts.hardware.replies import Outcomes, Stored
-from hosts.middleware.services.distribution.options import DistributeOptions
 from hosts.middleware.services.distribution.protocol import Opening, follow
+from hosts.middleware.services.distribution.purification import DistributeOptions
 from hosts.middleware.services.distribution.sharing import make, share
 from hosts.middleware.session import protocol
 from hosts.middleware.session.protocol import Effect, HostSide, Light, OpenerSide

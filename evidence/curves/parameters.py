@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from wire.parameters.checks import share
-from wire.parameters.units import UNITS, unit_of
+from wire.parameters.option import UNITS, unit_of
 
 Value = float | int | str
 Values = dict[str, Value]

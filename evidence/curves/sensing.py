@@ -22,7 +22,7 @@ from evidence.curves.ghz import states
 from evidence.curves.link import configuration, fiber
 from evidence.curves.parameters import Parameter, Values
 from hosts.middleware.services.sensing.fringe import QUARTER, Fringe, in_rad, in_steps
-from hosts.middleware.services.sensing.options import GHZ, PROBES
+from hosts.middleware.services.sensing.protocol import GHZ, PROBES
 from wire.dispatcher_pb2 import Gate, MeasureRequest
 from wire.parameters.physics import Detectors, Device, Sensor
 

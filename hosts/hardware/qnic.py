@@ -1,6 +1,6 @@
 """The interface of a QNIC to the middleware, whatever hardware stands behind it.
 
-Every operation is composed of steps, which the hardware performs (primitives.py; paper, section
+Every operation is composed of steps, which the hardware performs (pair_light.py; paper, section
 "Host Nodes").
 """
 

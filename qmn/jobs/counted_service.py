@@ -11,10 +11,10 @@ from rich.console import Console
 from controller_apps.policy.schedules import PARALLEL
 from hosts.middleware.services.interception.passing import SPLIT
 from hosts.middleware.services.key_distribution.options import KeyOptions
-from hosts.middleware.services.sensing.options import SEPARATE, SensingOptions
+from hosts.middleware.services.sensing.protocol import SEPARATE, SensingOptions
 from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.service_options import ServiceOptions
+from hosts.middleware.session.options import ServiceOptions
 from hosts.timeouts import MAX_BLOCK_S
 from qmn.jobs import eavesdropping, runner
 from qmn.jobs.eavesdropping import RELAYED, SPLITTABLE, Attack

@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from hosts.middleware.session.service_options import SessionOptions
+from hosts.middleware.session.options import SessionOptions
 from qmn.jobs import eavesdropping
 from qmn.jobs.key_handout import key_handout
 from qmn.jobs.obstacle import lost_light

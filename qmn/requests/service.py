@@ -8,7 +8,7 @@ from controller_apps.policy.schedules import PARALLEL, SCHEDULES
 from hosts.middleware.services import NAMES
 from hosts.middleware.services.ghz.options import GhzOptions
 from hosts.middleware.services.interception.passing import ATTACKS, RESEND
-from hosts.middleware.session.service_options import ServiceOptions
+from hosts.middleware.session.options import ServiceOptions
 from qmn.network.options import NetworkOptions
 from qmn.options import from_keywords
 from qmn.requests.run_options import RunOptions

@@ -30,7 +30,7 @@ from applications.netqasm import text_format
 from applications.processing_unit import messages, pair_requests, subroutine
 from controller_apps.openflow import discovery
 from controller_apps.packets import datagrams, segments
-from hosts.middleware.services.key_distribution.messages import Cutter
+from hosts.middleware.services.key_distribution.under_way import Cutter
 from wire import (
     controller_lines,
     device,

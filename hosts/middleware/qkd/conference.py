@@ -44,8 +44,8 @@ from hosts.middleware.qkd.key_length import (
     binary_entropy,
     finite_key_length,
 )
-from hosts.middleware.qkd.ldpc_code import rows, syndrome
 from hosts.middleware.qkd.ldpc_decoding import checks_for, corrected
+from hosts.middleware.qkd.parities import rows, syndrome
 from wire.conference import ConferenceProposal
 from wire.qkd import Bound
 
@@ -187,7 +187,6 @@ class Leader:
 
     @property
     def raw(self) -> Bits:
-        """The bits to make a key of."""
         return np.concatenate([NO_BITS, *self._parts])
 
     @property

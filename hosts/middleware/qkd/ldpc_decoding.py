@@ -26,8 +26,14 @@ from hosts.middleware.qkd.bits import Bits, Indices
 from hosts.middleware.qkd.cascade import LEAST_QBER, Corrected, Questions
 from hosts.middleware.qkd.estimation import Estimate
 from hosts.middleware.qkd.key_length import binary_entropy
-from hosts.middleware.qkd.ldpc_code import LEAST_CHECKS, ROWS_OF_A_BIT, rows, syndrome
-from hosts.middleware.qkd.parities import ReconciliationError, Syndrome
+from hosts.middleware.qkd.parities import (
+    LEAST_CHECKS,
+    ROWS_OF_A_BIT,
+    ReconciliationError,
+    Syndrome,
+    rows,
+    syndrome,
+)
 
 CONFIDENCE = 0.95
 MAX_ITERATIONS = 100

@@ -5,11 +5,14 @@ from types import MappingProxyType
 
 from hosts.middleware.services.conference import conference
 from hosts.middleware.services.distribution import distribute
-from hosts.middleware.services.ghz import ghz
-from hosts.middleware.services.graph_states import graph_states
-from hosts.middleware.services.key_distribution import protocols
+from hosts.middleware.services.ghz import connections
+from hosts.middleware.services.ghz import protocol as ghz
+from hosts.middleware.services.ghz.options import GhzOptions
+from hosts.middleware.services.graph_states import protocol as graph_states
+from hosts.middleware.services.graph_states.options import GraphOptions
+from hosts.middleware.services.key_distribution import session
 from hosts.middleware.services.sealing import seal
-from hosts.middleware.services.sensing import sensing
+from hosts.middleware.services.sensing import protocol as sensing
 from hosts.middleware.services.superdense import superdense
 from hosts.middleware.services.swapping import swap
 from hosts.middleware.services.teleportation import teleport
@@ -22,16 +25,20 @@ KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
         for kind in (
             superdense.KIND,
             superdense.RETURN_KIND,
-            protocols.BB84,
-            protocols.BBM92,
-            protocols.E91,
-            protocols.MDI,
+            session.BB84,
+            session.BBM92,
+            session.E91,
+            session.MDI,
             conference.KIND,
             distribute.KIND,
-            ghz.KIND,
-            graph_states.KIND,
+            connections.line(Service.GHZ, GhzOptions, ghz.Leader, ghz.Follower),
+            connections.line(
+                Service.GRAPH, GraphOptions, graph_states.Leader, graph_states.Follower
+            ),
             seal.KIND,
-            sensing.KIND,
+            connections.line(
+                Service.SENSE, sensing.SensingOptions, sensing.Leader, sensing.Follower
+            ),
             swap.KIND,
             teleport.KIND,
         )

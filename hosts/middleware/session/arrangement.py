@@ -2,8 +2,9 @@
 
 import asyncio
 import math
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Iterator
 from dataclasses import dataclass, replace
+from random import Random
 from typing import Any
 
 from hosts.hardware.replies import HardwareError, Heralds, Symbols
@@ -12,18 +13,33 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.offers import at_wavelength
 from hosts.middleware.session.values import announced, heralds_of
 from hosts.network_loop import now_s, retry_pause
-from hosts.pauses import growing_pauses
 from hosts.timeouts import (
     ANSWER_TIMEOUT_S,
     DISCOVERY_TIMEOUT_S,
     DOUBT_S,
     FREEING_TIMEOUT_S,
     HERALD_TIMEOUT_S,
+    LONGEST_RETRY_PAUSE_S,
+    RETRY_PAUSE_S,
 )
 from wire.metadata.blocks import Emission, Emit, Emitted
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.values import Values
 from wire.metadata.vocabulary import MemoryState, Reason, Service
+
+
+def growing_pauses(asker: str) -> Iterator[float]:
+    """Yield pauses in seconds, each half to all of a time that doubles up to the longest.
+
+    Random, so that hosts that were refused together do not ask together again (exponential back-off
+    with jitter); by the name of who asks, so that each asker's are its own, and can be had again.
+    Long waits end in equal pauses: the longest is the same for all.
+    """
+    chance = Random(asker)  # noqa: S311
+    most_s = RETRY_PAUSE_S
+    while True:
+        yield most_s * chance.uniform(0.5, 1.0)
+        most_s = min(2 * most_s, LONGEST_RETRY_PAUSE_S)
 
 
 @dataclass

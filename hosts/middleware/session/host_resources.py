@@ -2,17 +2,40 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any, cast
 
 import numpy as np
 
-from hosts.hardware.channels import carrying
 from hosts.hardware.qnic import Qnic
 from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.session.encoding import DISTINGUISHABLE_STATES
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.middleware.session.values import Lifetimes
 from wire.features import NodeFeatures
+from wire.optical import ANY_WAVELENGTH, frequency_mhz
 from wire.outcomes import Pauli
+
+
+class _Carrying:
+    """Another QNIC with some of its ports."""
+
+    def __init__(self, qnic: Qnic, ports: list[str]) -> None:
+        self._qnic, self.ports = qnic, ports
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._qnic, name)
+
+
+def carrying(qnic: Qnic, channels_mhz: Mapping[str, int], wavelength_pm: int) -> Qnic:
+    """Return a QNIC whose ports are those that carry a wavelength, in order.
+
+    `channels_mhz` has the frequency of each port that is a channel. Of any wavelength it is the
+    channel of the first port. Raise ValueError for a wavelength outside the optical range.
+    """
+    first = channels_mhz.get(qnic.ports[0]) if qnic.ports else None
+    wanted = first if wavelength_pm == ANY_WAVELENGTH else frequency_mhz(wavelength_pm)
+    ports = [port for port in qnic.ports if channels_mhz.get(port, wanted) == wanted]
+    return cast(Qnic, _Carrying(qnic, ports))
 
 
 @dataclass(frozen=True)

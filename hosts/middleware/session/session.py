@@ -23,8 +23,7 @@ from hosts.middleware.session.ends import (
 from hosts.middleware.session.errors import SessionError, SilentPeer, unexpected
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.offers import at_wavelength, check_light
-from hosts.middleware.session.options import MAX_BLOCK_PAIRS
-from hosts.middleware.session.service_options import SessionOptions
+from hosts.middleware.session.options import MAX_BLOCK_PAIRS, SessionOptions
 from hosts.middleware.session.values import Lifetimes
 from hosts.timeouts import IDLE_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.features import NOTHING, NodeFeatures
@@ -78,7 +77,6 @@ class OpeningSession:
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """The session's use of this host's device (wire.device.DeviceReport)."""
         return self._end.counts() if self._end else {}
 
     @property
@@ -182,7 +180,6 @@ class AcceptingSession:
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """The session's use of this host's device (wire.device.DeviceReport)."""
         return self._end.counts() if self._end else {}
 
     @property

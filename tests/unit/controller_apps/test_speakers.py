@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import pytest
 
 from controller_apps.openflow.connection import Speakers, owner
-from programs.local_users import NOBODY
+from programs.connection_shares import NOBODY
 
 DEAD, HERE, Q1 = "dead", "main", 0x1001
 

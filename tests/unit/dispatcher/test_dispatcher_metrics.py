@@ -10,8 +10,7 @@ from dispatcher_network import JumpingClock, block, configuration, running
 from limits import SOON_S
 from prometheus_client.parser import text_string_to_metric_families
 
-from dispatcher.server.metrics import MeasuredService
-from dispatcher.server.server import metrics
+from dispatcher.server.server import MeasuredService, metrics
 from wire.dispatcher_pb2 import MeasureRequest, Order, Step
 
 

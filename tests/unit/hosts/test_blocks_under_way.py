@@ -25,10 +25,10 @@ from controller_apps.sessions.sessions import Stop
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Coincidences, Outcomes, Stored
-from hosts.middleware.services.distribution.options import DistributeOptions
 from hosts.middleware.services.distribution.pairs import Pairs
 from hosts.middleware.services.distribution.protocol import Opening as Opener
 from hosts.middleware.services.distribution.protocol import follow
+from hosts.middleware.services.distribution.purification import DistributeOptions
 from hosts.middleware.services.swapping.link import IncomingLink, OutgoingLink, setup_of_link
 from hosts.middleware.services.swapping.protocol import Accepting, Opening, UnderWay
 from hosts.middleware.services.swapping.repeater import Repeater

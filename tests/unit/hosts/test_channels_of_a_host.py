@@ -4,8 +4,8 @@ from typing import cast
 
 import pytest
 
-from hosts.hardware.channels import carrying
 from hosts.hardware.qnic import Qnic
+from hosts.middleware.session.host_resources import carrying
 from wire.optical import ANY_WAVELENGTH
 
 # Two fibres of two channels, in the order of their interfaces, and a fibre without channels.

@@ -15,9 +15,9 @@ import pytest
 
 from hosts.hardware.operations import BlockName
 from hosts.hardware.replies import Outcomes, Stored
-from hosts.middleware.services.distribution.options import DistributeOptions
 from hosts.middleware.services.distribution.pairs import Pairs
 from hosts.middleware.services.distribution.protocol import Opening, follow
+from hosts.middleware.services.distribution.purification import DistributeOptions
 from hosts.middleware.services.distribution.sharing import make, share
 from hosts.middleware.session import protocol
 from hosts.middleware.session.errors import SessionError

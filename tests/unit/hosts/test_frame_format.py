@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from hosts.hardware.replies import Symbols
-from hosts.middleware.services.superdense.alphabet import ALPHABETS, Alphabet
 from hosts.middleware.services.superdense.coding import CODES, Bits, Code
-from hosts.middleware.services.superdense.frame_format import FrameFormat
+from hosts.middleware.services.superdense.frame_format import ALPHABETS, Alphabet, FrameFormat
 from wire.metadata.vocabulary import Fec
 from wire.outcomes import NO_COINCIDENCE
 

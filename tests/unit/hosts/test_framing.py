@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 
 from hosts.hardware.replies import Symbols
-from hosts.middleware.services.superdense.alphabet import ALPHABETS, Alphabet
 from hosts.middleware.services.superdense.coding import CODES, Code
-from hosts.middleware.services.superdense.frame_format import FrameFormat
-from hosts.middleware.services.superdense.framing import BLOCKS_UNDER_WAY, FramingError
+from hosts.middleware.services.superdense.frame_format import (
+    ALPHABETS,
+    BLOCKS_UNDER_WAY,
+    Alphabet,
+    FrameFormat,
+    FramingError,
+)
 from hosts.middleware.services.superdense.inbox import Inbox
 from hosts.middleware.services.superdense.outbox import Outbox, OutgoingBlock
 from wire.metadata.blocks import Block, Frame, Report

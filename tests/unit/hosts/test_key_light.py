@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hosts.middleware.services.key_distribution.light import next_photons, turned_back
-from hosts.middleware.services.key_distribution.messages import PIECE_BYTES, Cutter, in_envelopes
+from hosts.middleware.services.key_distribution.under_way import PIECE_BYTES, Cutter, in_envelopes
 from wire.malformed import MalformedPacket
 from wire.outcomes import NO_COINCIDENCE, Pauli
 from wire.qkd import MAX_KEY_BITS, Disclosed, unsealed

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from hosts.middleware.services.key_distribution.messages import Cutter, in_envelopes
+from hosts.middleware.services.key_distribution.under_way import Cutter, in_envelopes
 from wire.malformed import MalformedPacket
 from wire.metadata.decoding import decode
 from wire.metadata.header import MAX_LENGTH

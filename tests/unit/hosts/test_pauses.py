@@ -2,7 +2,7 @@
 
 from itertools import accumulate, islice
 
-from hosts.pauses import growing_pauses
+from hosts.middleware.session.arrangement import growing_pauses
 from hosts.timeouts import LONGEST_RETRY_PAUSE_S, RETRY_PAUSE_S
 
 SECONDS = 60.0

@@ -6,9 +6,8 @@ from pathlib import Path
 import pytest
 
 from hosts import network_loop
-from hosts.hardware.choice import chosen_qnic
 from hosts.hardware.qnic import Qnic
-from hosts.hardware.simulated import SimulatedQnic
+from hosts.hardware.simulated import SimulatedQnic, chosen_qnic
 from wire.config import BadConfig, HostConfig
 
 CONFIG = HostConfig(

@@ -16,9 +16,9 @@ from controller_apps.sessions.sessions import Stop
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Positions
 from hosts.hardware.replies import Coincidences, HardwareError, Stored, Symbols
-from hosts.middleware.services.swapping.bits import Swapped
 from hosts.middleware.services.swapping.link import IncomingLink, Kept, OutgoingLink, setup_of_link
 from hosts.middleware.services.swapping.repeater import Repeater
+from hosts.middleware.services.swapping.spans import Swapped
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.mailbox import Mailbox
 from hosts.middleware.session.protocol import Side, Steps

@@ -11,7 +11,7 @@ from line_scene import LINE as ALL
 from line_scene import summaries
 
 from hosts.middleware.services.sensing.fringe import Fringe, in_rad, in_steps
-from hosts.middleware.services.sensing.options import SensingOptions
+from hosts.middleware.services.sensing.protocol import SensingOptions
 from hosts.middleware.session.errors import SessionError
 from wire.parameters.physics import Detectors, Device, Sensor
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from hosts.middleware.session.estimates import MOST_UNTOLD, Estimates, estimates_of
+from hosts.middleware.device import MOST_UNTOLD, Estimates, estimates_of
 from wire.monitor_messages import Interval, Quantity, SessionEstimate
 
 Z = 1.959964  # of a normal distribution 95 % are within this many standard deviations

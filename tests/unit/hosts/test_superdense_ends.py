@@ -20,8 +20,7 @@ from test_superdense_protocol import OUTCOMES
 from hosts.hardware.operations import BlockName
 from hosts.hardware.replies import Coincidences, HardwareError, Symbols
 from hosts.middleware.services.superdense.acceptor import Acceptor, accepted
-from hosts.middleware.services.superdense.opener import Opener
-from hosts.middleware.services.superdense.per_pair import HANDSHAKES_AHEAD, LIGHTS_AT_A_TIME
+from hosts.middleware.services.superdense.opener import HANDSHAKES_AHEAD, LIGHTS_AT_A_TIME, Opener
 from hosts.middleware.session import protocol
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import OpenerSide, Side

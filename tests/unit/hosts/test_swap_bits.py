@@ -7,7 +7,7 @@ import pytest
 from limits import until
 
 from hosts import network_loop
-from hosts.middleware.services.swapping.bits import Bits
+from hosts.middleware.services.swapping.spans import Bits
 from hosts.middleware.session import swap_orders
 from hosts.middleware.session.swap_orders import MAX_ORDERS, Swaps
 from wire.device import SwapOrder

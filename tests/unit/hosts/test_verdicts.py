@@ -10,11 +10,11 @@ from limits import SOON_S
 from stacks_scene import OWN_ADDRESS, arbitrated, grant, network, sealed
 
 from hosts import network_loop
-from hosts.middleware import verdicts
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.verdicts import Verdicts
 from hosts.service_socket import ServiceSocket
+from hosts.serving import active_sessions
+from hosts.serving.active_sessions import Verdicts
 from wire.metadata.decoding import decode
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.values import Values
@@ -94,7 +94,7 @@ def test_a_refusal_that_is_not_the_controllers_is_not_taken_for_one(tmp_path: Pa
 
 def test_a_verdict_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
     key = "00" * 16
-    monkeypatch.setattr(verdicts, "MAX_REMEMBERED", 2)
+    monkeypatch.setattr(active_sessions, "MAX_VERDICTS", 2)
     checks = Verdicts(key)
     granted = [_sealed(replace(grant(SETUP), session=number), key) for number in range(1, 4)]
     for setup in granted:

@@ -16,6 +16,7 @@ from limits import SOON_S, until
 from programs import connection_shares
 from programs.connection_shares import (
     STREAMS,
+    LocalUsers,
     SharedListener,
     Shares,
     StreamServer,
@@ -24,7 +25,6 @@ from programs.connection_shares import (
     peer_of,
     shares,
 )
-from programs.local_users import LocalUsers
 
 OF_ONE, ALL = 4, 10
 MAX_CONCURRENT_STREAMS = struct.Struct("!HI")  # a setting of HTTP/2: RFC 9113, 6.5.2

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from programs import local_users
-from programs.local_users import NOBODY, LocalUsers, owner, users_of
+from programs import connection_shares
+from programs.connection_shares import NOBODY, LocalUsers, owner, users_of
 
 # proc(5), from a machine with 127.0.0.1:16653 of user 1000 and 10.0.0.2:5201 of user 33.
 TABLE = (
@@ -28,7 +28,7 @@ def test_users_of_the_machine_are_known_inside_a_run(
 ) -> None:
     of_machine = tmp_path / "machine-connections"
     of_machine.write_text(TABLE)
-    monkeypatch.setattr(local_users, "OF_MACHINE", of_machine)
+    monkeypatch.setattr(connection_shares, "OF_MACHINE", of_machine)
     assert owner("127.0.0.1", 16653) == 1000
     assert owner("10.0.0.2", 5201) == 33
     assert owner("127.0.0.1", 6653) == NOBODY
@@ -39,17 +39,17 @@ def test_users_of_the_machine_are_known_inside_a_run(
 def test_a_listener_that_refuses_again_and_again_seldom_reads(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(local_users, "OF_MACHINE", tmp_path / "nothing")
+    monkeypatch.setattr(connection_shares, "OF_MACHINE", tmp_path / "nothing")
     users, readings = LocalUsers(), []
 
     def counted(table: str) -> dict[str, int]:
         readings.append(table)
         return {}
 
-    monkeypatch.setattr(local_users, "users_of", counted)
+    monkeypatch.setattr(connection_shares, "users_of", counted)
     clock = iter(range(1_000_000))  # each look at the clock takes 1 s, so does a reading
     monkeypatch.setattr(time, "monotonic", lambda: next(clock))
     for port in range(100):
         assert users.owner("127.0.0.1", port) == NOBODY
         users.rest()
-    assert len(readings) * (1 + local_users.REST) <= next(clock) + local_users.REST
+    assert len(readings) * (1 + connection_shares.REST) <= next(clock) + connection_shares.REST

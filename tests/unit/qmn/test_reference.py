@@ -10,8 +10,8 @@ from qmn.__main__ import VERBS, described
 from qmn.completion import help_parsers
 from qmn.results.run_result import RunResult
 from wire.parameters.fiber import FiberOptics
+from wire.parameters.option import unit_of
 from wire.parameters.physics import Detectors, Device, Memory
-from wire.parameters.units import unit_of
 
 
 @pytest.fixture(scope="module")

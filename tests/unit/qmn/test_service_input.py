@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from hosts.middleware.services.distribution.options import DistributeOptions
+from hosts.middleware.services.distribution.purification import DistributeOptions
 from hosts.middleware.services.teleportation.teleport import TeleportOptions
-from hosts.middleware.session.service_options import ServiceOptions
+from hosts.middleware.session.options import ServiceOptions
 from qmn.__main__ import described
 from qmn.jobs.counted_service import checked
 from qmn.network.custom_topology import BadTopology

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from qswitch_agent.hardware.choice import hardware
+from qswitch_agent.__main__ import hardware
 from qswitch_agent.hardware.scpi import ScpiSwitch
 from qswitch_agent.hardware.simulated import SimulatedSwitch
 from wire.config import AgentConfig, BadConfig

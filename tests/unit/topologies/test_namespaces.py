@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from limits import SOON_S
 
-from programs.local_users import users_of
+from programs.connection_shares import users_of
 from topologies.system import namespaces
 from topologies.system.processes.programs import ROOT
 

@@ -13,8 +13,7 @@ from hosts.middleware.qkd.key_files import KeyStoreError
 from hosts.middleware.qkd.keyring import Keyring, NothingShared
 from hosts.middleware.services.conference.follower import Follower
 from hosts.middleware.services.conference.leader import Leader
-from hosts.middleware.services.conference.options import ConferenceOptions
-from hosts.middleware.services.conference.protocol import Keys
+from hosts.middleware.services.conference.protocol import ConferenceOptions, Keys
 from hosts.middleware.services.ghz import connections
 from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
 from hosts.middleware.session.errors import SessionError

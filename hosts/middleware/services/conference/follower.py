@@ -15,9 +15,9 @@ from hosts.middleware.qkd.authentication import (
 from hosts.middleware.qkd.bits import Bits
 from hosts.middleware.qkd.conference import TEST_Z, Member
 from hosts.middleware.qkd.estimation import Estimate
-from hosts.middleware.services.conference.options import MAX_STATES
 from hosts.middleware.services.conference.protocol import (
     IN_BASIS,
+    MAX_STATES,
     NO_BLOCK,
     Keys,
     envelope,

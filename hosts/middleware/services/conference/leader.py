@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from typing import Any
+from uuid import UUID
 
 import numpy as np
 
@@ -14,17 +15,17 @@ from hosts.middleware.qkd.authentication import (
 )
 from hosts.middleware.qkd.bits import Bits, unpack
 from hosts.middleware.qkd.conference import KEY, TEST_X, TEST_Z
-from hosts.middleware.services.conference.options import ConferenceOptions
+from hosts.middleware.qkd.key_store import KEY_BITS
 from hosts.middleware.services.conference.protocol import (
     IN_BASIS,
     NO_BLOCK,
+    ConferenceOptions,
     Keys,
     envelope,
     honest,
     key_ids,
     tags_of,
 )
-from hosts.middleware.services.conference.summary import summary
 from hosts.middleware.services.ghz import line
 from hosts.middleware.services.key_distribution.options import BOUNDS
 from hosts.middleware.session.errors import SessionError
@@ -33,6 +34,48 @@ from hosts.timeouts import BITS_TIMEOUT_S, KEYS_TIMEOUT_S
 from wire.conference import ConferenceProposal
 from wire.metadata.values import Topic
 from wire.metadata.vocabulary import Reason
+from wire.qkd import Bound
+from wire.results.figures import ConferenceFigures
+
+MEANING = {
+    Bound.FINITE: "secret but for eps_sec, for hosts of the line that all are honest and detectors "
+    "that miss as much in X as in Z",
+    Bound.ASYMPTOTIC: "of endless keys: of a key of this length nothing is proven",
+}
+
+
+def summary(
+    key: conference.Leader, length: int, ids: list[UUID], elapsed_s: float, made: int, emitted: int
+) -> ConferenceFigures:
+    raw, others = key.raw.size, len(key.terms.names) - 1
+    authentication = key.consumed_bits
+    return ConferenceFigures(
+        states=key.states,
+        hosts=1 + others,
+        raw_bits=raw,
+        tests_in_x=key.in_x.sample,
+        qber_x=key.in_x.qber,
+        tests_in_z=key.worst.sample,
+        qber_z=[found.qber for found in key.in_z],
+        leaked_bits=key.leaked_bits,
+        key_bits=length,
+        key_fraction=length / raw,
+        key_fraction_limit=conference.asymptotic_rate(key.in_x.qber, key.worst.qber),
+        bound=key.terms.bound.name.lower(),
+        assumed=MEANING[key.terms.bound],
+        keys=len(ids),
+        bits_of_a_key=KEY_BITS,
+        first_key_id=str(ids[0]) if ids else None,
+        last_key_id=str(ids[-1]) if ids else None,
+        authentication_bits=authentication,
+        net_key_bits=length - authentication,
+        states_per_s=key.states / elapsed_s,
+        key_bits_per_s=length / elapsed_s,
+        elapsed_s=elapsed_s,
+        made=made,
+        emitted=emitted,
+    )
+
 
 EPS_COR = 1e-15
 

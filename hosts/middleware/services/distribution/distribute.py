@@ -16,9 +16,9 @@ application ends the session; meanwhile the application at either end may ask to
 
 from functools import partial
 
-from hosts.middleware.services.distribution.options import DistributeOptions
 from hosts.middleware.services.distribution.pairs import Pairs
 from hosts.middleware.services.distribution.protocol import Make, Opening, Share, follow
+from hosts.middleware.services.distribution.purification import DistributeOptions
 from hosts.middleware.services.distribution.sharing import make, share
 from hosts.middleware.session.ends import AcceptorEnd, Answerer, End, OpenerEnd, ServiceKind
 from hosts.network_loop import now_s

@@ -10,9 +10,13 @@ from math import ceil, inf
 
 import numpy as np
 
-from hosts.middleware.services.distribution.options import MAX_ROUNDS, DistributeOptions
 from hosts.middleware.services.distribution.pairs import Pairs
-from hosts.middleware.services.distribution.purification import PHOTONS, Protocol
+from hosts.middleware.services.distribution.purification import (
+    MAX_ROUNDS,
+    PHOTONS,
+    DistributeOptions,
+    Protocol,
+)
 from hosts.middleware.session import node_features
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import (

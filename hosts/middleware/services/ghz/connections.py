@@ -8,6 +8,7 @@ hears that; what goes wrong behind a host ends the sessions before it, too.
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
+from functools import partial
 
 from hosts.hardware.qnic import release
 from hosts.hardware.replies import HardwareError
@@ -23,10 +24,20 @@ from hosts.middleware.services.ghz.line import (
 from hosts.middleware.services.ghz.options import GhzOptions
 from hosts.middleware.session import node_features
 from hosts.middleware.session.arrangement import Arrangement, Light
-from hosts.middleware.session.ends import AcceptorEnd, ConnectionEnd, OpenerEnd
+from hosts.middleware.session.ends import AcceptorEnd, ConnectionEnd, OpenerEnd, ServiceKind
 from hosts.middleware.session.errors import SessionError
 from wire.metadata.values import Topic
 from wire.metadata.vocabulary import Reason, Service
+
+
+def line(
+    service: Service,
+    options: type[GhzOptions],
+    leader: Callable[..., Leader],
+    follower: Callable[..., Follower],
+) -> ServiceKind:
+    """Return a service of a line of hosts, by what its two kinds of ends do."""
+    return ServiceKind(service, options, partial(lead, kind=leader), partial(follow, kind=follower))
 
 
 async def lead(end: OpenerEnd, options: GhzOptions, kind: Callable[..., Leader]) -> None:

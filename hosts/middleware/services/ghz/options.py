@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.service_options import MAX_COUNT, ServiceOptions
+from hosts.middleware.session.options import MAX_COUNT, ServiceOptions
 from wire.metadata.vocabulary import Reason
 from wire.parameters.option import option
 

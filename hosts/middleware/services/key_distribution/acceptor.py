@@ -23,10 +23,10 @@ from hosts.middleware.services.key_distribution.light import (
     record_of,
     with_tests,
 )
-from hosts.middleware.services.key_distribution.messages import Cutter
 from hosts.middleware.services.key_distribution.summary import Progress, so_far
 from hosts.middleware.services.key_distribution.under_way import (
     MAX_UNDER_WAY,
+    Cutter,
     KeysUnderWay,
     Store,
 )

@@ -5,8 +5,7 @@ from typing import Any
 
 from hosts.middleware.qkd.parameters import Parameters
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.options import MAX_BLOCK_PAIRS
-from hosts.middleware.session.service_options import ServiceOptions
+from hosts.middleware.session.options import MAX_BLOCK_PAIRS, ServiceOptions
 from hosts.timeouts import MAX_BLOCK_S
 from wire.metadata.vocabulary import Reason
 from wire.parameters.option import option

@@ -16,7 +16,7 @@ from hosts.middleware.services.key_distribution.light import (
 from hosts.middleware.services.sealing.sequential_test import Question, SequentialTest
 from hosts.middleware.session.blocks import LOST
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_RATE_HZ
+from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_COUNT, MAX_RATE_HZ, ServiceOptions
 from hosts.middleware.session.protocol import (
     Emit,
     HostSide,
@@ -27,7 +27,6 @@ from hosts.middleware.session.protocol import (
     do,
     hear,
 )
-from hosts.middleware.session.service_options import MAX_COUNT, ServiceOptions
 from wire.metadata.values import Topic
 from wire.metadata.vocabulary import Reason
 from wire.outcomes import NO_COINCIDENCE

@@ -24,8 +24,8 @@ from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
 from hosts.middleware.services.ghz import line
 from hosts.middleware.services.ghz.line import Table
+from hosts.middleware.services.ghz.options import GhzOptions
 from hosts.middleware.services.sensing.fringe import Fringe, in_rad
-from hosts.middleware.services.sensing.options import SEPARATE, SensingOptions
 from hosts.middleware.session.blocks import LOST, PAIRS
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Steps, do, hear
@@ -33,7 +33,20 @@ from hosts.middleware.session.values import MAX_WORD, numbers_of
 from hosts.timeouts import BITS_TIMEOUT_S
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import Reason
+from wire.parameters.option import option
 from wire.results.figures import SensingFigures
+
+GHZ, SEPARATE = PROBES = ("ghz", "separate")
+
+
+@dataclass(frozen=True)
+class SensingOptions(GhzOptions):
+    """`count` probes at each host: its qubits of `count` GHZ states, or qubits of its own."""
+
+    probes: str = option(
+        GHZ, f"qubits of GHZ states of all, or as many of each host's own ({GHZ})", choices=PROBES
+    )
+
 
 PLUS = 2  # as states are prepared
 FIRST_SHARE = 1 / 32  # of the probes, in X, and as many in Y

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hosts.hardware.replies import Symbols
-from hosts.middleware.services.superdense.frame_format import FrameFormat
-from hosts.middleware.services.superdense.framing import (
+from hosts.middleware.services.superdense.frame_format import (
     BLOCKS_UNDER_WAY,
     NO_SLOTS,
+    FrameFormat,
     FramingError,
     SlotMap,
     Slots,

@@ -9,8 +9,8 @@ from hosts.middleware.session.options import (
     MAX_BLOCK_PAIRS,
     MAX_FRAME_BYTES,
     MIN_BLOCK_PAIRS,
+    SessionOptions,
 )
-from hosts.middleware.session.service_options import SessionOptions
 from hosts.timeouts import MAX_BLOCK_S
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import FEC_NAMES, Handshake, Reason, Service

@@ -10,8 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hosts.hardware.replies import Symbols
-from hosts.middleware.services.superdense.frame_format import FrameFormat
-from hosts.middleware.services.superdense.framing import NO_SLOTS, FramingError, SlotMap, Slots
+from hosts.middleware.services.superdense.frame_format import (
+    NO_SLOTS,
+    FrameFormat,
+    FramingError,
+    SlotMap,
+    Slots,
+)
 from wire.metadata.blocks import MAX_FRAMES, Frame, Report
 
 LEAST_ARRIVALS = (

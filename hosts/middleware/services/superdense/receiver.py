@@ -17,9 +17,12 @@ from hashlib import sha256
 import numpy as np
 
 from hosts.hardware.replies import Symbols
-from hosts.middleware.services.superdense.alphabet import ALPHABETS
-from hosts.middleware.services.superdense.frame_format import FrameFormat, agreed_format
-from hosts.middleware.services.superdense.framing import FramingError
+from hosts.middleware.services.superdense.frame_format import (
+    ALPHABETS,
+    FrameFormat,
+    FramingError,
+    agreed_format,
+)
 from hosts.middleware.services.superdense.inbox import Inbox
 from hosts.middleware.session.encoding import agreed_encoding, from_bell_states
 from hosts.middleware.session.errors import SessionError

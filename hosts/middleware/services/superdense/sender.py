@@ -19,8 +19,11 @@ from dataclasses import dataclass, replace
 from hashlib import sha256
 
 from hosts.hardware.replies import Symbols
-from hosts.middleware.services.superdense.frame_format import agreed_format
-from hosts.middleware.services.superdense.framing import BLOCKS_UNDER_WAY, FramingError
+from hosts.middleware.services.superdense.frame_format import (
+    BLOCKS_UNDER_WAY,
+    FramingError,
+    agreed_format,
+)
 from hosts.middleware.services.superdense.outbox import Outbox, OutgoingBlock
 from hosts.middleware.session.encoding import to_paulis
 from hosts.middleware.session.errors import SessionError
@@ -234,7 +237,6 @@ class Sender:
 
 
 def blocks_under_way(setup: Setup) -> int:
-    """Return how many blocks of a session may be under way at a time."""
     if setup.handshake == Handshake.PER_PAIR:
         return 1
     return max(1, min(BLOCKS_UNDER_WAY, MAX_BLOCK_PAIRS // setup.pairs))

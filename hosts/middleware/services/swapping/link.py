@@ -19,10 +19,12 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from hosts.hardware.operations import BlockName
-from hosts.middleware.services.swapping.bits import MAX_OPERATOR, Bits, Swapped
 from hosts.middleware.services.swapping.spans import (
+    MAX_OPERATOR,
     MAX_SEED,
+    Bits,
     Parts,
+    Swapped,
     correct,
     follow,
     lead,

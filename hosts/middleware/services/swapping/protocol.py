@@ -13,13 +13,13 @@ import numpy as np
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.middleware.services.distribution.pairs import Mask, Pairs
-from hosts.middleware.services.swapping.bits import Bits, Swapped
 from hosts.middleware.services.swapping.link import (
     IncomingLink,
     Kept,
     OutgoingLink,
     to_the_left_of,
 )
+from hosts.middleware.services.swapping.spans import Bits, Swapped
 from hosts.middleware.session.blocks import RESERVED, keep_of_all, store, take
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import (

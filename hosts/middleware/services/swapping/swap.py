@@ -17,7 +17,7 @@ from functools import partial
 
 from hosts.hardware.replies import HardwareError
 from hosts.middleware.services.distribution.distribute import make_pairs, share_pairs
-from hosts.middleware.services.distribution.options import DistributeOptions
+from hosts.middleware.services.distribution.purification import DistributeOptions
 from hosts.middleware.services.swapping.connections import OpenedLink
 from hosts.middleware.services.swapping.link import IncomingLink, OutgoingLink
 from hosts.middleware.services.swapping.protocol import Accepting, Opening

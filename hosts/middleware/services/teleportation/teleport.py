@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from hosts.middleware.services.teleportation import protocol, qubit_states
 from hosts.middleware.services.teleportation.qubit_states import RANDOM
 from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
-from hosts.middleware.session.service_options import MAX_COUNT, ServiceOptions
+from hosts.middleware.session.options import MAX_COUNT, ServiceOptions
 from wire.metadata.vocabulary import Service
 from wire.parameters.option import option
 
@@ -40,7 +40,6 @@ async def teleport(end: OpenerEnd, options: TeleportOptions) -> None:
 
 
 async def receive(end: AcceptorEnd) -> None:
-    """Take states in until the opener has no more."""
     await end.perform(protocol.receive(end.side))
 
 

@@ -4,7 +4,7 @@ from ipaddress import IPv4Address
 
 from stepping import SINCE_NS, stepping
 
-from controller_apps.apps.instants import Instants
+from controller_apps.apps.ticks import Instants
 from controller_apps.light.optics import SwitchPort
 from wire.network_time import REAL_TIME, GateClient
 

@@ -10,7 +10,6 @@ from hosts.middleware.qkd.bits import Bits
 from hosts.middleware.qkd.cascade import Cascade, Corrected, long_passes, pass_sizes
 from hosts.middleware.qkd.estimation import Estimate
 from hosts.middleware.qkd.key_length import binary_entropy
-from hosts.middleware.qkd.ldpc_code import rows, syndrome
 from hosts.middleware.qkd.ldpc_decoding import LdpcDecoding
 from hosts.middleware.qkd.parities import (
     Blocks,
@@ -19,7 +18,9 @@ from hosts.middleware.qkd.parities import (
     ReconciliationError,
     ReferenceKey,
     Syndrome,
+    rows,
     shuffled,
+    syndrome,
     to_message,
     to_query,
 )

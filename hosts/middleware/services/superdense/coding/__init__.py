@@ -8,12 +8,12 @@ from hosts.middleware.services.superdense.coding.code import (
     Bits,
     Code,
     Mask,
+    ReedSolomon,
     Uncoded,
     deinterleave,
     interleave,
 )
 from hosts.middleware.services.superdense.coding.perfect import GOLAY, HAMMING, REPETITION
-from hosts.middleware.services.superdense.coding.reed_solomon import ReedSolomon
 from wire.metadata.vocabulary import FEC_NAMES, Fec
 
 CODES: dict[Fec, Code] = {
