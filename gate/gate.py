@@ -124,7 +124,7 @@ class Gate:
         return [client for client in self._clients.values() if self._is_due(client)]
 
     def _is_due(self, client: Client) -> bool:
-        """Whether to notify it: in the background not before the network is ready, but idle."""
+        """Whether to notify it: in the background once the network has been idle."""
         return client.is_due(self._clock[0], bool(self._wall_ns or self._clock[TAKEN]))
 
     @property
@@ -152,7 +152,7 @@ class Gate:
 
     def _early_s(self) -> float:
         """Return by how much the next leap would lead the wall."""
-        if not (begun_ns := self._clock[TAKEN]):
+        if (begun_ns := self._clock[TAKEN]) <= 0:
             return 0.0
         now_s = time.monotonic()
         self._watched_since_s = self._watched_since_s or now_s

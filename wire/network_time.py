@@ -27,6 +27,7 @@ PAGE_BYTES = 1 << 16
 # The page has the clock, counts of messages sent, when stepping began, counts of those taken.
 TAKEN = PAGE_BYTES // 16
 NEVER = (1 << 63) - 1  # the deadline of a program that waits for no instant
+SETTLING = -1  # in place of the instant at which stepping began
 WITH_WALL = -1  # in place of a deadline: the clock is to go with the wall
 # Whose turn it is first if several wait for one instant; those behind wait until all is quiet.
 CABLES, PROGRAMS, DISPATCHER, CONTROLLER, TICKS = range(5)
@@ -121,7 +122,11 @@ class SteppedTime(NetworkTime):
     @property
     def has_begun(self) -> bool:
         """Whether the network is ready, and steps."""
-        return page(self.folder)[TAKEN] != 0
+        return page(self.folder)[TAKEN] > 0
+
+    def settle(self) -> None:
+        """Let the background go on, before the network is ready."""
+        page(self.folder)[TAKEN] = SETTLING
 
     def begin(self) -> None:
         """Note that the network is ready."""

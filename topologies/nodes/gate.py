@@ -41,8 +41,10 @@ class Start:
         if isinstance(time, SteppedTime):
             passed_ns = time.now_ns() - time.since_ns
             begin_ns = time.since_ns + (passed_ns // ROUND_NS + 1) * ROUND_NS
-            if not (self._reaches(begin_ns) and self._reaches(begin_ns + SETTLED_NS)):
-                raise NetworkError(f"{GATE}: programs have not paused for {LEAP_TIMEOUT_S:g} s")
+            for instant_ns in (begin_ns, begin_ns + SETTLED_NS):
+                if not self._reaches(instant_ns):
+                    raise NetworkError(f"{GATE}: programs have not paused for {LEAP_TIMEOUT_S:g} s")
+                time.settle()
             time.begin()
 
     def settle(self) -> None:
