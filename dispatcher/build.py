@@ -19,7 +19,7 @@ from dispatcher.layer.history import MOST_EVENTS, EventCapture, History
 from dispatcher.layer.journal import Journal
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.memory import Memories
-from dispatcher.layer.network import Network
+from dispatcher.layer.network import Network, analyser_node
 from dispatcher.layer.ownership import MAX_BLOCKS, Ownership
 from dispatcher.layer.software_time import SoftwareTime
 from dispatcher.recording.recorder import RecordedClock, Recorder, open_private
@@ -68,7 +68,12 @@ def build_layer(
     then on. Raise BadConfig or BadParameter for what cannot be.
     """
     keep_freed_memory()
-    devices = Devices(config.devices)
+    analysers = {
+        analyser_node(switch.name, number): switch.analyser_device
+        for switch in config.switches
+        for number, _input in switch.inner_ports.values()
+    }
+    devices = Devices({**config.devices, **analysers})
     if unknown := config.devices.keys() - config.tokens.keys():
         raise BadConfig(f"devices of {', '.join(sorted(unknown))}: there are no such hosts")
     sabot, draws = sabot or Sabot(BACKENDS[config.backend]), Draws(config.seed)

@@ -10,6 +10,7 @@ STOP_TIMEOUT_S = 1.0  # behind the grace, for what calls still have to say
 # Requests
 MAX_TIMEOUT_S = 60.0  # that a request may wait for light
 MAX_PAUSE_S = 1.0  # between two messages to a watcher
+ANALYSER_WAIT_S = 5.0  # of light at an input of a switch's analyser, for that of the other input
 RECEIVE_TIMEOUT_S = 1.0  # not needed: the light has come
 
 # Events

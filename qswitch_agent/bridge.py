@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from qswitch_agent.openflow import constants as ofp
-from qswitch_agent.openflow import flow_reports, flows, messages, ports
+from qswitch_agent.openflow import flow_reports, flows, messages, packets, ports
 from qswitch_agent.openflow.flow_reports import FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry
 from qswitch_agent.openflow.messages import Framer
@@ -195,6 +195,10 @@ class Commands(Connection):
 
     def delete(self, entry: FlowEntry) -> None:
         self._writer.write(flows.delete_strict(entry, next(self._xids)))
+
+    def send_from(self, port: int, frame: bytes) -> None:
+        """Let the bridge's own entries decide on a frame that comes from a port."""
+        self._writer.write(packets.by_the_table(port, frame, next(self._xids)))
 
     def keep_packets_out(self, port: Port) -> None:
         """Let the bridge forward no packet into a port, not even when it floods."""

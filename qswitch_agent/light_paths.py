@@ -96,9 +96,10 @@ class LightPaths:
         fiber_ports: Iterable[int],
         hardware: OpticalHardware,
         network_time: NetworkTime = REAL_TIME,
+        inner_ports: Iterable[int] = (),
     ) -> None:
         self._time = network_time
-        self.table = FlowTable(fiber_ports)
+        self.table = FlowTable(fiber_ports, inner_ports)
         self.promises = Promises()
         self._hardware = hardware
         self._made: frozenset[CrossConnect] | None = None  # as planned; None: not all of it

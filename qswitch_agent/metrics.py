@@ -15,6 +15,7 @@ from qswitch_agent.hardware.optics import (
     OpticalHardware,
     Readings,
 )
+from wire.analyser_frames import AnalyserFrame
 
 
 class MeasuredHardware:
@@ -70,6 +71,9 @@ class MeasuredHardware:
 
     async def watch(self, on_condition: Callable[[Condition], None]) -> None:
         await self._hardware.watch(on_condition)
+
+    async def watch_analysers(self, on_report: Callable[[AnalyserFrame], None]) -> None:
+        await self._hardware.watch_analysers(on_report)
 
     async def close(self) -> None:
         await self._hardware.close()

@@ -6,8 +6,10 @@ import secrets
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from typing import Protocol
 
+from qswitch_agent.analysers import Analysers
 from qswitch_agent.bridge import SupervisoryChannels
 from qswitch_agent.hardware.optics import (
     Condition,
@@ -28,6 +30,7 @@ from qswitch_agent.openflow.identity import Identity, on_fiber
 from qswitch_agent.openflow.ports import Port
 from qswitch_agent.openflow.refusals import Refusal
 from qswitch_agent.timeouts import CONDITION_DEADLINE_S
+from wire.analyser_frames import port_description
 from wire.optical import PathOptics, PortLight, PortTuning
 
 log = logging.getLogger(__name__)
@@ -74,6 +77,7 @@ class Switch:
         delete: Callable[[FlowEntry], None],
         name: str = "",
         needs_copies: bool = False,
+        analysers: Analysers | None = None,
     ) -> None:
         """`needs_copies`: only for sessions whose set-up has come on copper, too, light passes.
 
@@ -82,7 +86,9 @@ class Switch:
         `delete` has the bridge delete an entry.
         """
         self.paths = paths
-        self.fibers = paths.table.fibers
+        self.fibers, self.inner = paths.table.fibers, paths.table.inner
+        self.outputs = paths.table.outputs
+        self.analysers = analysers or Analysers(0, lambda _port, _frame: None)
         self.connections: set[Unconfirmed] = set()
         self._synchronise = synchronise
         self._delete = delete
@@ -254,14 +260,16 @@ class Switch:
     @property
     def optical_alone(self) -> bool:
         """Whether there is no copper, so that the bridge forwards no packets."""
-        return not self.ports - self.fibers - {ofp.OFPP_LOCAL}
+        return not self.ports - self.outputs - {ofp.OFPP_LOCAL}
 
     def shown(self, port: Port) -> Port:
-        """Return a fibre port's description as a controller sees it.
+        """Return the description of a port of light as a controller sees it.
 
         OFPPS_BLOCKED: a cross-connect of the port is stuck. OFPPS_LIVE: light passes as it
         should: the fibre is whole, and the hardware not too hot.
         """
+        if port.number in self.inner:
+            return replace(port, properties=port_description(*self.analysers.ports[port.number]))
         state = port.state
         if any(port.number in path for path in self._condition.stuck):
             state |= ofp.OFPPS_BLOCKED

@@ -186,6 +186,7 @@ class AgentConfig(MeasuredConfig):
     dispatcher: str  # path of the dispatcher's unix socket
     token: str
     fiber_ports: list[int]  # OpenFlow numbers of the ports that are fibres
+    analysers: int = 0  # Bell analysers in the switch
     hardware: str = ""  # empty: the simulated switch; or "scpi://192.0.2.7:5025"
     # scpi: OpenFlow port number to the numbers of its [ingress, egress] at the instrument
     hardware_ports: dict[str, list[int]] = field(default_factory=dict)

@@ -70,6 +70,7 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
             Beam(FiberOf(ACCEPTOR, 0), FiberOf(SOURCE, 1)),
         ),
         Service.SWAP: (),  # its links have it
+        Service.SWITCH_SWAP: (),  # who programs the switch, opens it
         Service.LINK: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
         Service.GHZ: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
         Service.GRAPH: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
@@ -132,6 +133,7 @@ NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
             REPEATER: ABSORB | EMIT | STORE | MEASURE,
         },
         Service.LINK: {OPENER: EMIT | STORE, ACCEPTOR: ABSORB | STORE},
+        Service.SWITCH_SWAP: {OPENER: EMIT | STORE, ACCEPTOR: EMIT | STORE},
     }
 )
 HERALDED_NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(

@@ -175,7 +175,7 @@ class Fibers:
 
     def _port_is(self, datapath: Datapath, port: Any, whole: bool, now: float) -> bool:
         at = SwitchPort(datapath.id, port.port_no)
-        if port.port_no > ofproto.OFPP_MAX:
+        if port.port_no > ofproto.OFPP_MAX or optical_messages.is_inner(port):
             return False
         optics = optical_messages.port_optics(port)
         if optics is not None:

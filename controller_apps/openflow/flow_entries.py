@@ -10,7 +10,7 @@ from typing import Any
 
 from controller_apps.light.paths import Hop
 from controller_apps.openflow.framework import Datapath, ofproto, parser
-from controller_apps.openflow.optical_messages import is_fiber
+from controller_apps.openflow.optical_messages import is_fiber, is_inner
 from controller_apps.packets.datagrams import IP_UDP, is_udp
 from controller_apps.packets.segments import ACK, FIN, IP_TCP, PSH, RST, SYN, FiveTuple
 from wire.device import DEVICE_PORT
@@ -156,9 +156,9 @@ def discovery_entry(datapath: Datapath) -> Any:
 def classical_entries(datapath: Datapath) -> list[Any]:
     """Return what lets the classical ports of a quantum switch forward as any switch does."""
     ports = list(datapath.ports.values())
-    classical = [port.port_no for port in ports if not is_fiber(port)]
-    if len(classical) == len(ports):  # nothing tells which are fibres
+    if not any(map(is_fiber, ports)):  # nothing tells which are fibres
         return []
+    classical = [port.port_no for port in ports if not (is_fiber(port) or is_inner(port))]
     return [
         add(datapath, 0, LEARNING_PRIORITY, {"in_port": port}, to_learning()) for port in classical
     ]

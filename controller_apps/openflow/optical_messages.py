@@ -44,6 +44,12 @@ def is_fiber(port: Any) -> bool:
     return any(isinstance(prop, parser.OFPPortDescPropOptical) for prop in port.properties)
 
 
+def is_inner(port: Any) -> bool:
+    """Tell whether a port is inside a quantum switch, where neither fibre nor copper ends."""
+    kind = parser.OFPPortDescPropExperimenter
+    return any(isinstance(p, kind) and p.experimenter == EXPERIMENTER for p in port.properties)
+
+
 def port_optics(port: Any) -> PortOptics | None:
     """Return how far a port can be tuned, None if it does not say so in frequencies."""
     for prop in port.properties:

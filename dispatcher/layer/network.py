@@ -4,6 +4,7 @@ from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 from dispatcher.fiber import fiber_noise
 from dispatcher.fiber.channels import ChannelCrosstalk, Traffic
@@ -11,7 +12,15 @@ from dispatcher.fiber.noise import NoiseModel
 from dispatcher.refusal import denied, not_found
 from dispatcher.switch.optical_switch import Channel, OpticalSwitch
 from wire.config import BadConfig, Fiber, FiberEnd, QuantumSwitch
+from wire.parameters.fiber import FiberOptics
 from wire.parameters.physics import BadParameter
+
+
+class Inputs(NamedTuple):
+    """The inner ports of a switch that lead to one of its analysers."""
+
+    switch: str
+    ports: list[str]
 
 
 @dataclass(frozen=True)
@@ -44,6 +53,9 @@ class Network:
         named = {switch.name: switch for switch in switches}
         for fiber in fibers:
             self._lay(fiber, named)
+        self.analysers = dict[str, Inputs]()  # of switches, by the name of their node here
+        for switch in switches:
+            self._lay_analysers(switch, named)
         self.switches = {switch.name: self._switch(switch) for switch in switches}
 
     @property
@@ -98,6 +110,15 @@ class Network:
             switched = {} if near_switch is None else fiber_noise.of_switch(near_switch)
             self._lines[near] = self._line(near, far, fiber, switched | noise)
 
+    def _lay_analysers(self, switch: QuantumSwitch, switches: Mapping[str, QuantumSwitch]) -> None:
+        """Let light that leaves by an inner port come to its analyser, which is a node."""
+        for port, (analyser, _input) in switch.inner_ports.items():
+            node = analyser_node(switch.name, analyser)
+            inputs = self.analysers.setdefault(node, Inputs(switch.name, []))
+            inputs.ports.append(str(port))
+            ends = FiberEnd(switch.name, str(port)), FiberEnd(node, str(port))
+            self._lay(Fiber.joining(*ends, FiberOptics(length_km=0.0)), switches)
+
     def _line(
         self, near: FiberEnd, far: FiberEnd, fiber: Fiber, noise: dict[str, NoiseModel]
     ) -> Line:
@@ -115,6 +136,11 @@ class Network:
         by_port = {int(end.port): line for end, line in lines.items()}
         config.check_ports(by_port)
         return OpticalSwitch(config, {port: channel_of(line) for port, line in by_port.items()})
+
+
+def analyser_node(switch: str, analyser: int) -> str:
+    """Return the name of the node that an analyser of a switch is to light."""
+    return f"{switch}-analyser{analyser}"
 
 
 def channel_of(line: Line) -> Channel | None:

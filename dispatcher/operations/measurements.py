@@ -13,7 +13,7 @@ from dispatcher.devices.overlap import Overlap, overlap
 from dispatcher.fiber.turn import alignment
 from dispatcher.layer import device_noise, drift, extra_pairs, pulses
 from dispatcher.layer.layer import PhysicalLayer, block_name, tally
-from dispatcher.layer.ownership import Block, BlockName, Pulses
+from dispatcher.layer.ownership import Block, Pulses
 from dispatcher.operations import imperfections, limits
 from dispatcher.operations.blocks import require_pairs
 from dispatcher.operations.interference import Interference
@@ -83,8 +83,16 @@ class Measurements:
 
     def bell_measure(self, node: str, request: BellMeasureRequest) -> Feedback:
         """Measure and use up pairs of photons in the Bell basis."""
+        names = block_name(request.first), block_name(request.second)
+        first, second = (self._layer.ownership.require(name, node) for name in names)
+        return self.bell_measure_blocks(node, first, second, request.packed)
+
+    def bell_measure_blocks(
+        self, node: str, first: Block, second: Block, packed: bool = False
+    ) -> Feedback:
+        """Do what `bell_measure` does with two blocks that are at the node."""
         layer = self._layer
-        first, second = self._taken_up(node, block_name(request.first), block_name(request.second))
+        self._take_up(node, first, second)
         feedback = layer.feedback(first, second)
         feedback.first_ns = min(first.first_ns, second.first_ns)
         feedback.last_ns = max(first.last_ns, second.last_ns)
@@ -113,20 +121,18 @@ class Measurements:
             node, "bell-measure", first, detail=detail + listed(analysis.incidents), each=each
         )
         feedback.clicks = analysis.clicks
-        _tell_bell_states(feedback, outcomes, request.packed)
+        _tell_bell_states(feedback, outcomes, packed)
         gates = layer.devices.of(node).gates
         return imperfections.lasts(feedback, imperfections.of_bell_measurement(gates) * by_gates)
 
-    def _taken_up(self, node: str, *names: BlockName) -> tuple[Block, Block]:
+    def _take_up(self, node: str, first: Block, second: Block) -> None:
         layer = self._layer
-        first, second = (layer.ownership.require(name, node) for name in names)
         require_pairs(first, second)
         hardware.require(layer.devices, node, MEASURE)
         for block in (first, second):
             hardware.require_encoding(layer.devices, node, block.pulses.encoding)
         layer.sabot.require_capacity(first.register, [GateStep("CX", second.register)])
         layer.take_up_pair(first, second)
-        return first, second
 
     def _analyse(
         self, node: str, blocks: tuple[Block, Block], matched: Overlap, apart_ps: float

@@ -12,6 +12,7 @@ from google.protobuf.message import Message
 
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.operations.adjustment import adjust
+from dispatcher.operations.analysers import Analysers
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.eavesdropping import Resending, Splitting
 from dispatcher.operations.gathering import Gathering
@@ -41,9 +42,11 @@ class RequestTable:
     def __init__(self, layer: PhysicalLayer, failed: Callable[[BaseException], None]) -> None:
         """Call `failed` with an error of what goes on after a request, such as a flight."""
         self.layer = layer
-        self.transport, self.switching = Transport(layer, failed), Switching(layer)
         self.heralding, self.blocks = Heralding(layer, failed), Operations(layer)
         measurements, resending = Measurements(layer), Resending(layer)
+        self.analysers = Analysers(layer, measurements, failed)
+        self.transport = Transport(layer, failed, self.analysers.look)
+        self.switching = Switching(layer, self.analysers.close)
         self.rows = {
             "create": Row(messages.CreateRequest, self._timed(self.blocks.create)),
             "apply": Row(messages.ApplyRequest, self._timed(self.blocks.apply)),

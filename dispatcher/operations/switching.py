@@ -1,7 +1,7 @@
 """Operations of quantum switches: cross-connects, tuning, statistics, faults."""
 
 import asyncio
-from collections.abc import AsyncIterator, Iterable, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 
 from dispatcher.layer.layer import PhysicalLayer
@@ -89,8 +89,9 @@ DIRECTIONS = {
 
 
 class Switching:
-    def __init__(self, layer: PhysicalLayer) -> None:
-        self._layer = layer
+    def __init__(self, layer: PhysicalLayer, connected: Callable[[str, set[int]], None]) -> None:
+        """Call `connected` with a switch and its outputs in use when these change."""
+        self._layer, self._connected = layer, connected
         self._switches = layer.network.switches
         self._wanted: dict[str, list[Connection]] = {}  # the latest request of each
         self._watchers: dict[str, set[asyncio.Event]] = {name: set() for name in self._switches}
@@ -208,6 +209,7 @@ class Switching:
         now_ns = layer.clock.now_ns()
         ready_ns, opened, closed = switch.timeline.connect(requested, now_ns, circuits)
         layer.software.switches(now_ns, ready_ns)
+        self._connected(switch.name, set(switch.timeline.connections.values()))
         wall_ns = layer.time.wall_ns
         changes = (("close", closed, wall_ns(now_ns)), ("open", opened, wall_ns(ready_ns)))
         events = [

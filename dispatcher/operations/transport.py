@@ -22,9 +22,17 @@ from wire.outcomes import ERRORS
 
 
 class Transport:
-    def __init__(self, layer: PhysicalLayer, failed: Callable[[BaseException], None]) -> None:
-        """Move blocks of this layer; call `failed` with what ends a flight unexpectedly."""
-        self._layer = layer
+    def __init__(
+        self,
+        layer: PhysicalLayer,
+        failed: Callable[[BaseException], None],
+        came: Callable[[BlockName], None],
+    ) -> None:
+        """Move blocks of this layer; call `failed` with what ends a flight unexpectedly.
+
+        `came` is called when light of a block has come somewhere, or comes no more.
+        """
+        self._layer, self._came = layer, came
         self._failed = failed
         self._flights: dict[asyncio.Task[None], Flight] = {}
         self._waiting: dict[BlockName, list[asyncio.Future[None]]] = {}
@@ -207,6 +215,7 @@ class Transport:
         layer.ownership.remove(block)
 
     def _wake(self, name: BlockName) -> None:
+        self._came(name)
         for waiter in self._waiting.get(name, ()):
             if not waiter.done():
                 waiter.set_result(None)

@@ -289,6 +289,19 @@ class Service(DispatcherServicer):
                     return  # the watcher went away
 
     @call
+    async def WatchAnalysers(
+        self, request: messages.WatchSwitchRequest, node: str, context: Context
+    ) -> None:
+        self.callers.require_reader(node, request.switch)
+        with self.table.analysers.watching(request.switch) as reports:
+            await context.send_initial_metadata(())  # from here on none is missed
+            async for report in reports:
+                try:
+                    await context.write(report)
+                except grpc.aio.InternalError:
+                    return  # the watcher went away
+
+    @call
     async def InjectFault(
         self, request: messages.InjectFaultRequest, node: str, _context: Context
     ) -> messages.InjectFaultReply:

@@ -29,7 +29,7 @@ from wire.metadata.decoding import decode
 from wire.metadata.header import METADATA_PORT, session_number
 from wire.metadata.setup import SETUP_LENGTH, Setup
 from wire.metadata.vocabulary import Handshake, Service
-from wire.optical import PortOptics, encode_path_optics
+from wire.optical import PATH_OPTICS, PortOptics, encode_path_optics
 
 S1, Q1 = 1, 2  # datapath ids
 FEATURES_REQUEST = 5  # OFPT_, which the agent passes on and does not know
@@ -132,8 +132,8 @@ class Switch:
             self._heard(message)
 
     def _told(self, message: bytes, xid: int) -> bytes:
-        if messages.asks_for_path_optics(message):
-            return messages.path_optics_reply(xid, encode_path_optics([]))
+        if messages.asked_of_us(message) == PATH_OPTICS:
+            return messages.reply_of_ours(xid, PATH_OPTICS, encode_path_optics([]))
         kind = messages.multipart_type(message)
         ports = self._ports if kind == ofp.OFPMP_PORT_DESC else []
         return messages.reply(kind, xid, [port.encode() for port in ports])

@@ -22,14 +22,14 @@ from topologies.nodes.quantum_host import device_of
 from wire.parameters.checks import check_names, number
 from wire.parameters.fiber import KINDS, FiberOptics, optics
 from wire.parameters.physics import Device
+from wire.parameters.switch import COMPOUND, QuantumSwitch
 from wire.parameters.switch import OPTICS as SWITCH_OPTICS
-from wire.parameters.switch import QuantumSwitch
 
 FIBER = {each.name: getattr(FiberOptics(), each.name) for each in fields(FiberOptics)}
 SWITCH = {
     each.name: getattr(QuantumSwitch(""), each.name)
     for each in fields(QuantumSwitch)
-    if each.name in SWITCH_OPTICS - {"paths"}
+    if each.name in SWITCH_OPTICS - COMPOUND
 } | {"preset": ""}
 
 IDEAL = asdict(Device())

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple, Protocol
 
+from wire.analyser_frames import AnalyserFrame
+
 
 class HardwareRefusal(Exception):
     """The hardware cannot do this; it goes on as before and can be asked for something else."""
@@ -116,9 +118,9 @@ class Direction(Enum):
 
 
 class OpticalHardware(Protocol):
-    """An N x N cross-connect for light; it never measures what passes.
+    """An N x N cross-connect for light, which measures nothing that passes, and Bell analysers.
 
-    Every call raises HardwareRefusal or HardwareFault, and none but watch takes longer
+    Every call raises HardwareRefusal or HardwareFault, and none but those that watch takes longer
     than CALL_DEADLINE_S.
     """
 
@@ -142,6 +144,9 @@ class OpticalHardware(Protocol):
 
     async def watch(self, on_condition: Callable[[Condition], None]) -> None:
         """Report the condition at once and after each change; raise HardwareFault at the end."""
+
+    async def watch_analysers(self, on_report: Callable[[AnalyserFrame], None]) -> None:
+        """Report each block of light that ends at an analyser; raise HardwareFault at the end."""
 
     async def close(self) -> None:
         """Close the hardware; its cross-connects stay."""

@@ -25,6 +25,7 @@ from qswitch_agent.hardware.optics import (
 from qswitch_agent.timeouts import CALL_DEADLINE_S
 from wire import dispatcher_pb2 as messages
 from wire import dispatcher_service
+from wire.analyser_frames import AnalyserFrame, End
 from wire.dispatcher_pb2 import CrossConnectOutcome, CrossConnectRequest
 from wire.dispatcher_service import cross_connects_socket
 from wire.malformed import MalformedPacket
@@ -122,6 +123,12 @@ class SimulatedSwitch:
             response_deserializer=messages.SwitchCondition.FromString,
         )
 
+        self._watch_analysers = self._channel.unary_stream(
+            "/qmn.Dispatcher/WatchAnalysers",
+            request_serializer=messages.WatchSwitchRequest.SerializeToString,
+            response_deserializer=messages.BellOutcomes.FromString,
+        )
+
     async def set_cross_connects(self, cross_connects: Iterable[CrossConnect]) -> None:
         """Tell the dispatcher, and wait until the switching time has passed."""
         request = messages.CrossConnectRequest(switch=self._switch)
@@ -195,6 +202,22 @@ class SimulatedSwitch:
             f"dispatcher at {self._socket} does not answer; its connection ended and its "
             "quantum state is lost: start the network again"
         )
+
+    async def watch_analysers(self, on_report: Callable[[AnalyserFrame], None]) -> None:
+        request = messages.WatchSwitchRequest(switch=self._switch)
+        call = self._watch_analysers(request, metadata=self._metadata)
+        try:
+            async for report in call:
+                end, pulses = End(report.end), report.photons
+                outcomes = report.outcomes
+                frame = AnalyserFrame(report.port, report.number, end, pulses, 0, outcomes)
+                on_report(frame)
+        except grpc.aio.AioRpcError as error:
+            meaning = self._meaning(error.code(), error.details())
+            raise HardwareFault(str(meaning)) from error
+        finally:
+            call.cancel()
+        raise HardwareFault(f"dispatcher at {self._socket} tells nothing of analysers any more")
 
     async def close(self) -> None:
         self._cross_connects.close()

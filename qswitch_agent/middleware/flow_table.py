@@ -31,15 +31,17 @@ class Plan:
 class FlowTable:
     """The entries of table 0, which fibres are whole, and what is stuck."""
 
-    def __init__(self, fiber_ports: Iterable[int]) -> None:
-        self.fibers = frozenset(fiber_ports)
+    def __init__(self, fiber_ports: Iterable[int], inner_ports: Iterable[int] = ()) -> None:
+        """Light comes from fibres alone, and goes to them and to inner ports."""
+        self.fibers, self.inner = frozenset(fiber_ports), frozenset(inner_ports)
+        self.outputs = self.fibers | self.inner
         self.stuck: frozenset[tuple[int, int]] = frozenset()  # that cannot be changed
         self._cut: set[int] = set()
         self._entries: dict[tuple[int, bytes], FlowEntry] = {}
         self._marked: set[tuple[int, bytes]] = set()  # keys of the entries with a mark
 
     def copy(self) -> "FlowTable":
-        other = FlowTable(self.fibers)
+        other = FlowTable(self.fibers, self.inner)
         other.stuck = self.stuck
         other._cut = set(self._cut)
         other._entries = dict(self._entries)
@@ -72,7 +74,7 @@ class FlowTable:
 
     def set_fiber(self, port: int, whole: bool) -> bool:
         """Note whether the fibre at a port is whole; tell whether that is news."""
-        if port not in self.fibers or whole != (port in self._cut):
+        if port not in self.outputs or whole != (port in self._cut):
             return False
         self._cut ^= {port}
         return True
@@ -196,11 +198,10 @@ class FlowTable:
         return list(dict.fromkeys(met.values()))
 
     def _path(self, entry: FlowEntry) -> CrossConnect | None:
-        ports = (entry.in_port, entry.out_port)
-        if entry.other_fields or not self.fibers.issuperset(ports):
+        if entry.other_fields or entry.in_port is None or entry.out_port is None:
             return None
-        assert entry.in_port is not None
-        assert entry.out_port is not None
+        if entry.in_port not in self.fibers or entry.out_port not in self.outputs:
+            return None
         if entry.in_port == entry.out_port:
             return None
         return CrossConnect(entry.in_port, entry.out_port, circuit_of(entry))

@@ -6,6 +6,7 @@ all versions with it: a quarter of a second.
 
 OFP_VERSION = 5
 
+OFPP_TABLE = 0xFFFFFFF9
 OFPP_CONTROLLER = 0xFFFFFFFD
 OFPP_LOCAL = 0xFFFFFFFE
 OFPP_ANY = 0xFFFFFFFF

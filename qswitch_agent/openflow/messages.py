@@ -14,7 +14,7 @@ from typing import ParamSpec, TypeVar
 
 from qswitch_agent.openflow import constants as ofp
 from wire.malformed import MalformedPacket
-from wire.optical import EXPERIMENTER, PATH_OPTICS
+from wire.optical import EXPERIMENTER
 
 HEADER = struct.Struct(ofp.OFP_HEADER_PACK_STR)  # version, type, length, xid
 ERROR = struct.Struct("!HH")  # type, code
@@ -226,16 +226,21 @@ def rebuilt(message: bytes, parts: Iterable[bytes]) -> bytes:
 
 
 @strict
-def asks_for_path_optics(message: bytes) -> bool:
+def asked_of_us(message: bytes) -> int | None:
+    """Return the type of our experimenter's request, None for any other multipart request."""
     if multipart_type(message) != ofp.OFPMP_EXPERIMENTER:
-        return False
-    return EXPERIMENT.unpack_from(message, BODY) == (EXPERIMENTER, PATH_OPTICS)
+        return None
+    experimenter, kind = EXPERIMENT.unpack_from(message, BODY)
+    return int(kind) if experimenter == EXPERIMENTER else None
 
 
-def path_optics_reply(xid: int, body: bytes) -> bytes:
-    """Return our experimenter's reply, whose body wire.optical encodes; in parts if long."""
+def reply_of_ours(xid: int, kind: int, body: bytes) -> bytes:
+    """Return our experimenter's reply, whose entries have multiples of 16 bytes; in parts if long.
+
+    wire.optical and wire.analyser_frames encode the body.
+    """
     entries = [body[at : at + 16] for at in range(0, len(body), 16)]
-    head, capacity = EXPERIMENT.pack(EXPERIMENTER, PATH_OPTICS), (MAX_LENGTH - BODY - 8) // 16
+    head, capacity = EXPERIMENT.pack(EXPERIMENTER, kind), (MAX_LENGTH - BODY - 8) // 16
     chunks = [entries[at : at + capacity] for at in range(0, len(entries), capacity)] or [[]]
     parts = [head + b"".join(chunk) for chunk in chunks]
     return b"".join(

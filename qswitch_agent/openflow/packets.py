@@ -7,13 +7,14 @@ from typing import Self
 from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow import matches
 from qswitch_agent.openflow.instructions import each_action, output_ports
-from qswitch_agent.openflow.messages import HEADER, MalformedPart, strict, with_body
+from qswitch_agent.openflow.messages import HEADER, MalformedPart, encode, strict, with_body
 from wire.malformed import MalformedPacket
 from wire.metadata.decoding import decode
 from wire.metadata.header import TO_SWITCHES
 from wire.metadata.setup import SETUP_LENGTH, Setup
 
 PACKET_OUT = struct.Struct(ofp.OFP_PACKET_OUT_PACK_STR)  # buffer, in_port, length of actions
+OUTPUT = struct.Struct("!HHIH6x")  # type, length, port, bytes for the controller
 PACKET_IN = struct.Struct(ofp.OFP_PACKET_IN_PACK_STR)
 COMMAND = struct.Struct("!H")  # which GROUP_MOD and METER_MOD begin with
 GROUP_MOD = struct.Struct(ofp.OFP_GROUP_MOD_PACK_STR)  # command, type, group
@@ -40,6 +41,13 @@ class PacketOut:
     @property
     def outputs(self) -> list[int]:
         return output_ports(self.actions)
+
+
+def by_the_table(in_port: int, frame: bytes, xid: int) -> bytes:
+    """Return the PACKET_OUT of a frame that flow entries match as one that comes from a port."""
+    action = OUTPUT.pack(ofp.OFPAT_OUTPUT, OUTPUT.size, ofp.OFPP_TABLE, 0)
+    fixed = PACKET_OUT.pack(ofp.OFP_NO_BUFFER, in_port, len(action))
+    return encode(ofp.OFPT_PACKET_OUT, xid, fixed + action + frame)
 
 
 def is_lldp(frame: bytes) -> bool:

@@ -3,7 +3,8 @@
 The limits of light: a FLOW_MOD may ask for nothing beyond them.
 
 Light carries no headers and cannot be copied: a light entry matches one fibre port and
-nothing else, in table 0, and sends what comes in there to one other fibre port, or nowhere.
+nothing else, in table 0, and sends what comes in there to one other fibre port, to an inner port of
+the switch, or nowhere.
 On a fibre's supervisory channel LLDP passes, and only to the controller.
 """
 
@@ -19,13 +20,14 @@ from qswitch_agent.openflow.refusals import Refusal
 from qswitch_agent.proxy.bundles import Tunings
 from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch
+from wire.parameters.switch import FIRST_INNER_PORT
 
 MODIFYING = (ofp.OFPFC_MODIFY, ofp.OFPFC_MODIFY_STRICT)
 PUTTING = (ofp.OFPFC_ADD, *MODIFYING)
 
 
-def is_light(mod: FlowMod, fibers: frozenset[int]) -> bool:
-    """Tell whether a FLOW_MOD adds or modifies light entries.
+def is_light(mod: FlowMod, fibers: frozenset[int], inner: frozenset[int] = frozenset()) -> bool:
+    """Tell whether a FLOW_MOD adds or modifies light entries; inner ports are inside the switch.
 
     Raise Refusal, with the fitting OpenFlow error, if it asks for what light cannot do.
     """
@@ -39,9 +41,9 @@ def is_light(mod: FlowMod, fibers: frozenset[int]) -> bool:
         raise refusals.bad_mask(
             "in_port cannot be matched by some of its bits",
         )
-    in_port = matches.in_port(mod.fields)
+    in_port, outputs = matches.in_port(mod.fields), fibers | inner
     if in_port not in fibers:
-        _require_classical(mod.instructions.outputs, fibers)
+        _require_classical(mod.instructions.outputs, outputs)
         return False
     if matches.is_lldp(mod.fields):
         _require_supervisory(mod.instructions)
@@ -54,19 +56,20 @@ def is_light(mod: FlowMod, fibers: frozenset[int]) -> bool:
         raise refusals.bad_field(
             f"light of port {in_port} carries no headers: match in_port alone",
         )
-    _require_one_way(mod.instructions, in_port, fibers)
+    _require_one_way(mod.instructions, in_port, outputs)
     return True
 
 
-def require_no_fiber(ports: Iterable[int], fibers: frozenset[int]) -> None:
-    """Raise Refusal if packets shall go into a fibre."""
-    _require_classical(ports, fibers)
+def require_no_fiber(ports: Iterable[int], light: frozenset[int]) -> None:
+    """Raise Refusal if packets shall go where only light goes."""
+    _require_classical(ports, light)
 
 
-def _require_classical(outputs: Iterable[int], fibers: frozenset[int]) -> None:
+def _require_classical(outputs: Iterable[int], light: frozenset[int]) -> None:
     for port in outputs:
-        if port in fibers:
-            raise refusals.bad_out_port(f"packets cannot go into the fibre at port {port}")
+        if port in light:
+            where = "inner port" if port >= FIRST_INNER_PORT else "fibre at port"
+            raise refusals.bad_out_port(f"packets cannot go into the {where} {port}")
 
 
 def _require_supervisory(instructions: Instructions) -> None:
@@ -92,7 +95,7 @@ def _unfit(instruction: int) -> Callable[[str], Refusal]:
 
 
 def _require_one_way(
-    instructions: Instructions, in_port: int | None, fibers: frozenset[int]
+    instructions: Instructions, in_port: int | None, light: frozenset[int]
 ) -> None:
     _require_action_lists(instructions)
     for kind, _action in instructions.actions:
@@ -104,7 +107,7 @@ def _require_one_way(
             )
     outputs = instructions.outputs
     for port in outputs:
-        if port not in fibers or port == in_port:
+        if port not in light or port == in_port:
             raise refusals.bad_out_port(f"light of port {in_port} cannot leave by port {port:#x}")
     if len(outputs) > 1:
         raise refusals.too_many_actions(
@@ -127,7 +130,7 @@ def concerns_light(mod: FlowMod, switch: Switch) -> bool:
 
     A switch of light alone has one table, also for entries on packets.
     """
-    light = is_light(mod, switch.fibers)
+    light = is_light(mod, switch.fibers, switch.inner)
     if light:
         switch.require_seen(mod.cookie)
     if switch.optical_alone and not mod.deletes:
@@ -181,7 +184,7 @@ def require_no_light(group_mod: bytes, switch: Switch) -> None:
     if switch.optical_alone and packets.command(group_mod) == ofp.OFPGC_ADD:
         reason = "light has no groups"
         raise refusals.out_of_groups(reason)
-    require_no_fiber(packets.group_outputs(group_mod), switch.fibers)
+    require_no_fiber(packets.group_outputs(group_mod), switch.outputs)
 
 
 def require_meters(meter_mod: bytes, switch: Switch) -> None:

@@ -123,29 +123,31 @@ class Replies:
 
     def _ports(self, message: bytes) -> bytes:
         described = ports.described_ports(message)
-        fibers = self._switch.fibers
-        if not any(port.number in fibers for port in described):
+        light = self._switch.outputs
+        if not any(port.number in light for port in described):
             return message
-        shown = [self._switch.shown(port) if port.number in fibers else port for port in described]
+        shown = [self._switch.shown(port) if port.number in light else port for port in described]
         return ports.with_ports(message, shown)
 
     async def _port_statistics(self, message: bytes) -> bytes:
         statistics = ports.port_statistics(message)
-        if not any(port.number in self._switch.fibers for port in statistics):
+        if not any(port.number in self._switch.outputs for port in statistics):
             return message
         readings = await self._switch.read()
         parts = [self._photons(port, readings).encode() for port in statistics]
         return messages.rebuilt(message, parts)
 
     def _photons(self, port: ports.PortStatistics, readings: Readings) -> ports.PortStatistics:
-        if port.number not in self._switch.fibers:
+        if port.number not in self._switch.outputs:
             return port
         reading = readings.ports.get(port.number)
         if reading is None or not readings.counts_photons:
             photons = (messages.NOT_AVAILABLE,) * 3
         else:
             photons = reading.photons_in, reading.photons_out, reading.photons_lost
-        return port.shown(photons, self._switch.light(port.number, readings).encode())
+        inner = port.number in self._switch.inner  # no optics of its own
+        light = b"" if inner else self._switch.light(port.number, readings).encode()
+        return port.shown(photons, light)
 
     async def _flow_statistics(self, message: bytes) -> bytes:
         statistics = flow_reports.flow_statistics(message)

@@ -30,7 +30,7 @@ from qswitch_agent.proxy.checks import (
 from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch, circuits, impossible_path
 from wire.malformed import MalformedPacket
-from wire.optical import encode_path_optics
+from wire.optical import ANALYSER_COUNTS, PATH_OPTICS, encode_path_optics
 
 
 class BundleRequests:
@@ -255,6 +255,8 @@ class Requests:
 
     async def _packet_out(self, message: bytes) -> None:
         packet = PacketOut.decode(message)
+        if inner := self._switch.inner.intersection(packet.outputs):
+            raise refusals.bad_out_port(f"no packet goes into the inner port {min(inner)}")
         fibers = self._switch.fibers.intersection(packet.outputs)
         if not fibers:
             self._link.to_bridge(message)
@@ -268,9 +270,13 @@ class Requests:
 
     async def _multipart(self, message: bytes) -> None:
         kind, xid = messages.multipart_type(message), transaction_id(message)
-        if messages.asks_for_path_optics(message):
+        ours = messages.asked_of_us(message)
+        if ours == PATH_OPTICS:
             body = encode_path_optics(self._switch.path_optics())
-            await self._link.answer(messages.path_optics_reply(xid, body))
+            await self._link.answer(messages.reply_of_ours(xid, ours, body))
+        elif ours == ANALYSER_COUNTS:
+            body = self._switch.analysers.encode_counts()
+            await self._link.answer(messages.reply_of_ours(xid, ours, body))
         elif kind == ofp.OFPMP_TABLE_FEATURES and len(message) == messages.BODY:
             await self._link.answer(identity.table_features(xid))
         elif kind == ofp.OFPMP_AGGREGATE:

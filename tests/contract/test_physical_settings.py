@@ -17,7 +17,7 @@ from topologies.catalogue.node_kinds import NODE_KINDS, node_device
 from topologies.catalogue.presets import PRESETS
 from wire.parameters.fiber import FiberOptics
 from wire.parameters.physics import Device
-from wire.parameters.switch import OPTICS, QuantumSwitch
+from wire.parameters.switch import COMPOUND, OPTICS, QuantumSwitch
 
 MODEL = f"{Path(__file__).with_name('own_noise.py')}:Model"
 # Values of fields that declare neither a range nor choices, and of those that others bound.
@@ -61,7 +61,7 @@ DEVICE = {
     for each in fields(type(part.default))  # type: ignore[arg-type]
 }
 FIBER = {each.name: each for each in fields(FiberOptics)}
-SWITCH = {each.name: each for each in fields(QuantumSwitch) if each.name in OPTICS - {"paths"}}
+SWITCH = {each.name: each for each in fields(QuantumSwitch) if each.name in OPTICS - COMPOUND}
 
 
 def another(setting: "Field[Any]") -> Any:
@@ -157,7 +157,8 @@ def test_a_fibre_of_two_channels_has_two_pairs_of_ports() -> None:
 def test_a_setting_of_a_switch_comes_to_the_dispatcher(setting: str, place: str) -> None:
     value = another(SWITCH[setting])
     told = changes(["--switch", f"{place}{setting}={text(value)}"])
-    assert told == {f"dispatcher.switches.0.{setting}": value}
+    agent = {"q1.analysers": value} if setting == "analysers" else {}
+    assert told == {f"dispatcher.switches.0.{setting}": value, **agent}
 
 
 @pytest.mark.parametrize("kind", NODE_KINDS)

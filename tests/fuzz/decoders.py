@@ -47,6 +47,13 @@ from wire import (
     verdict,
 )
 from wire import lldp as host_seal
+from wire.analyser_frames import (
+    BROADCAST,
+    AnalyserCounts,
+    AnalyserFrame,
+    End,
+    decode_counts,
+)
 from wire.conference import ConferenceProposal
 from wire.dispatcher_pb2 import BlockId, Event
 from wire.features import EVERYTHING, NodeFeatures
@@ -264,6 +271,21 @@ FORMATS: dict[str, Target] = {
         means=lambda s: (s.five_tuple, s.sequence, s.flags, s.payload, s.after),
     ),
     "datagram": Target([test_pcapng.FRAME], datagrams.Frame.decode, lambda f: f.encode(), False),
+    "analyser frame": Target(
+        [
+            AnalyserFrame(60_001, 7, End.MEASURED, 5, 1, b"\0\1\xff").encode(BROADCAST, bytes(6)),
+            AnalyserFrame(60_001, 7, End.CLOSED, 5).encode(BROADCAST, bytes(6)),
+        ],
+        AnalyserFrame.decode,
+        lambda frame: frame.encode(BROADCAST, bytes(6)),
+        canonical=False,  # addresses
+    ),
+    "analyser counts": Target(
+        [AnalyserCounts(60_001, 5, 1, 1, 1, 1, 1).encode() * 2],
+        decode_counts,
+        lambda counts: b"".join(each.encode() for each in counts),
+        canonical=False,  # padding
+    ),
     "path optics": Target(
         [optical.PathOptics(1, 2, 1500, 3, True).encode() * 3],
         optical.decode_path_optics,

@@ -25,6 +25,7 @@ from wire.parameters.physics import BadParameter
 from wire.parameters.switch import OPTICS
 
 LOOPBACK = "127.0.0.1"
+INPUT_NAMES = "ab"  # of an analyser
 
 
 class OpticalSwitch(ClassicalSwitch):
@@ -35,6 +36,8 @@ class OpticalSwitch(ClassicalSwitch):
     differ from the others are PathOptics. Raise BadParameter if a value is out of range.
     `hardware` is "" for the simulated switch, or names an instrument, as scpi://192.0.2.7:5025;
     `hardware_ports` are the instrument's [ingress, egress] of each port that is a fibre's.
+    `analysers` Bell analysers have inner ports (docs/switch-swaps.md); `analyser`, `detectors` and
+    `gates` are what these are like, as at a host.
     `controller_port` names another controller than c0, at this TCP port of 127.0.0.1, that
     programs the switch alone; c0 does not know of it then, nor of its fibres.
     The datapath ID of q1 is 0x1001, unless `dpid` is given.
@@ -67,6 +70,18 @@ class OpticalSwitch(ClassicalSwitch):
             self.network.programmed_elsewhere.add(name)
             del self.network.bridges[name]
         self.program: Program | None = None
+
+    def lay(self) -> None:
+        """Make the bridge with its ports, inner ones included: patches that lead nowhere."""
+        stands = self.stands
+        super().lay()
+        words: list[str] = []
+        for number, (analyser, which) in self.network.switches[self.name].inner_ports.items():
+            port = f"{self.name}-bell{analyser}{INPUT_NAMES[which - 1]}"
+            words += ["--", "add-port", self.name, port, "--", "set", "interface", port]
+            words += ["type=patch", "options:peer=none", f"ofport_request={number}"]
+        if words and not stands:
+            openvswitch.change(*words)
 
     def launch(self, controllers: list[Controller]) -> None:
         """Start the bridge and its agent ahead of `start`, which then only has to wait."""
@@ -105,6 +120,7 @@ class OpticalSwitch(ClassicalSwitch):
                 for end in (fiber.a, fiber.b)
                 if end.node == self.name
             ),
+            analysers=network.switches[self.name].analysers,
             hardware=self.hardware,
             hardware_ports=self.hardware_ports,
             credentials=self._credentials(),

@@ -28,6 +28,7 @@ class Service(IntEnum):
     SENSE = 14  # phases at hosts, by GHZ states: this is between two neighbours of their line
     CONFERENCE = 15  # a key of several hosts, by GHZ states: between two neighbours likewise
     GRAPH = 16  # graph states of several hosts: this is between two neighbours of their line
+    SWITCH_SWAP = 17  # swapping by a switch's Bell analyser, to which both ends send halves
 
 
 def service_of(number: int) -> Service:

@@ -4,15 +4,26 @@ The default loses nothing and takes 100 ns to switch.
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 from wire.outcomes import PAULIS
-from wire.parameters.physics import BadParameter, check, parameter
+from wire.parameters.physics import (
+    BadParameter,
+    BellAnalyser,
+    Detectors,
+    Device,
+    Gates,
+    check,
+    parameter,
+)
 
 TEMPERATURE_C = (-100.0, 300.0)
 LOSS_DB = (0.0, 100.0)
 FREQUENCY_MHZ = (1, 2**32 - 1)
 ROTATIONS = (0, len(PAULIS) - 1, ", ".join(PAULIS))
+FIRST_INNER_PORT = 60_001  # OpenFlow numbers of ports inside a switch, where no fibre ends
+MOST_ANALYSERS = 64
+INPUTS = 2  # of an analyser: one for each photon of a pair
 
 
 @dataclass(frozen=True)
@@ -48,10 +59,37 @@ class QuantumSwitch:
     max_frequency_mhz: int = parameter(196_100_000, *FREQUENCY_MHZ)
     grid_mhz: int = parameter(50_000, *FREQUENCY_MHZ)
     min_power_dbm: float = parameter(-20.0, -100.0, 0.0)
+    analysers: int = parameter(0, 0, MOST_ANALYSERS)  # Bell analysers, each with two inner ports
+    # What all analysers are like, and their parts.
+    analyser: BellAnalyser = field(default_factory=BellAnalyser)
+    detectors: Detectors = field(default_factory=Detectors)
+    gates: Gates = field(default_factory=Gates)
+
+    @property
+    def analyser_device(self) -> Device:
+        """The hardware of one analyser: it measures light, and can do nothing else."""
+        return replace(Device(), analyser=self.analyser, detectors=self.detectors, gates=self.gates)
+
+    @property
+    def inner_ports(self) -> dict[int, tuple[int, int]]:
+        """Analyser and input, both counted from 1, by the number of each inner port."""
+        return inner_ports(self.analysers)
 
     def check(self) -> None:
         """Raise BadParameter for optics that cannot be, whatever the switch's ports are."""
         check(self.name, self)
+        self.analyser_device.check(f"{self.name}, analysers")
+        if self.analysers and (self.rotation or any(path.rotation for path in self.paths)):
+            raise BadParameter(
+                f"{self.name} rotates light, and its analysers do not know that: take rotation=0"
+            )
+        if self.analyser_device.noises:
+            raise BadParameter(f"{self.name}: analysers have no noise models of one's own")
+        if not self.analysers and self.analyser_device != Device():
+            raise BadParameter(
+                f"{self.name}: analyser, detectors or gates without analysers have no effect; "
+                "give analysers=1 or more, too"
+            )
         if self.min_frequency_mhz > self.max_frequency_mhz:
             raise BadParameter(
                 f"{self.name}: min_frequency_mhz {self.min_frequency_mhz} is above "
@@ -80,4 +118,13 @@ class QuantumSwitch:
         return f"{self.name}, path {path.in_port} -> {path.out_port}"
 
 
+def inner_ports(analysers: int) -> dict[int, tuple[int, int]]:
+    """Return analyser and input, both counted from 1, by the number of each inner port."""
+    return {
+        FIRST_INNER_PORT + place: (place // INPUTS + 1, place % INPUTS + 1)
+        for place in range(INPUTS * analysers)
+    }
+
+
 OPTICS = frozenset(each.name for each in fields(QuantumSwitch)) - {"name"}  # what can be set
+COMPOUND = frozenset({"paths", "analyser", "detectors", "gates"})  # of these, by topologies alone

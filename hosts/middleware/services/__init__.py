@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from hosts.middleware.services import switch_swap
 from hosts.middleware.services.conference import conference
 from hosts.middleware.services.distribution import distribute
 from hosts.middleware.services.ghz import connections
@@ -40,6 +41,7 @@ KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
                 Service.SENSE, sensing.SensingOptions, sensing.Leader, sensing.Follower
             ),
             swap.KIND,
+            switch_swap.KIND,
             teleport.KIND,
         )
     }

@@ -33,6 +33,7 @@ from qswitch_agent.proxy import proxy as proxy_module
 from qswitch_agent.proxy.proxy import Proxy
 from qswitch_agent.switch import Switch
 from topologies.system.runs.runtime import free_port
+from wire.analyser_frames import AnalyserFrame
 
 TUNING = Tuning(191_350_000, 196_100_000, 50_000, -20.0, 0.0)
 CONDITION = Condition(TUNING, optics.Path(0.5, 1))
@@ -89,6 +90,10 @@ class Optics:
 
     async def watch(self, on_condition: Callable[[Condition], None]) -> None:
         on_condition(CONDITION)
+        await asyncio.Event().wait()
+
+    async def watch_analysers(self, _on_report: Callable[[AnalyserFrame], None]) -> None:
+        """Report nothing: it has none."""
         await asyncio.Event().wait()
 
     async def close(self) -> None:

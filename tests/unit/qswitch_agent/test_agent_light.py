@@ -145,6 +145,16 @@ def test_what_is_no_light_passes(case: str) -> None:
     assert not is_light(NO_LIGHT[case], FIBERS)
 
 
+def test_inner_ports_take_light_and_no_packets() -> None:
+    inner = frozenset({60_001, 60_002})
+    assert is_light(of.mod(FROM_1, of.outputs(60_001)), FIBERS, inner)
+    outcomes = of.actions(REWRITE, parser.OFPActionOutput(CLASSICAL))
+    assert not is_light(of.mod({"in_port": 60_001}, outcomes), FIBERS, inner)
+    for fields in ({"in_port": CLASSICAL}, {"in_port": 60_001}):
+        with pytest.raises(Refusal, match="packets cannot go into the inner port 60002"):
+            is_light(of.mod(fields, of.outputs(60_002)), FIBERS, inner)
+
+
 def test_packets_go_into_no_fibre() -> None:
     require_no_fiber([CLASSICAL, LOCAL, ofp.OFPP_FLOOD], FIBERS)
     with pytest.raises(Refusal, match="port 4"):

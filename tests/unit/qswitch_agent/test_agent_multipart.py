@@ -38,18 +38,19 @@ def test_request_of_our_experimenter_is_told_from_others() -> None:
     ours = parser.OFPExperimenterStatsRequest(
         of.DATAPATH, 0, optical.EXPERIMENTER, optical.PATH_OPTICS, b""
     )
-    assert messages.asks_for_path_optics(of.encoded(ours))
-    other = messages.EXPERIMENT.pack(optical.EXPERIMENTER, 2)
-    assert not messages.asks_for_path_optics(messages.request(0xFFFF, 1, other))
-    assert not messages.asks_for_path_optics(messages.request(ofp.OFPMP_DESC, 1))
+    assert messages.asked_of_us(of.encoded(ours)) == optical.PATH_OPTICS
+    other = messages.EXPERIMENT.pack(optical.EXPERIMENTER + 1, optical.PATH_OPTICS)
+    assert messages.asked_of_us(messages.request(0xFFFF, 1, other)) is None
+    assert messages.asked_of_us(messages.request(ofp.OFPMP_DESC, 1)) is None
     with pytest.raises(MalformedPacket):
-        messages.asks_for_path_optics(messages.request(0xFFFF, 1, other[:7]))
+        messages.asked_of_us(messages.request(0xFFFF, 1, other[:7]))
 
 
 @pytest.mark.parametrize("count", [0, 1, 5000])
 def test_path_optics_come_back_whole(count: int) -> None:
     paths = [PathOptics(number, number + 1, 500, 1) for number in range(count)]
-    replies = Framer().feed(messages.path_optics_reply(9, optical.encode_path_optics(paths)))
+    body = optical.encode_path_optics(paths)
+    replies = Framer().feed(messages.reply_of_ours(9, optical.PATH_OPTICS, body))
     assert len(replies) == (2 if count == 5000 else 1)
     read = [of.decoded(one).body for one in replies]
     assert {(one.experimenter, one.exp_type) for one in read} == {(optical.EXPERIMENTER, 1)}

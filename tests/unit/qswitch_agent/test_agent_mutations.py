@@ -117,7 +117,7 @@ def packet(message: bytes) -> None:
 
 
 def multipart_asked(message: bytes) -> None:
-    messages.asks_for_path_optics(message)
+    messages.asked_of_us(message)
     messages.more_follows(message)
 
 

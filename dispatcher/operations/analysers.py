@@ -1,0 +1,164 @@
+"""Bell analysers of quantum switches: the light of two inner ports meets there, block by block.
+
+    alice --- 2 -> 60001 ---.
+                             analyser --- outcomes ---> agent
+    bob ----- 3 -> 60002 ---'
+
+Light has no header: the first block that has come to one input meets the first that has come to
+the other, pulse by pulse. It waits for that as at a host (Measurements), ANALYSER_WAIT_S at most.
+Every block that comes ends here, and its end is reported.
+"""
+
+import asyncio
+from collections import deque
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from dispatcher.layer.journal import CausedBy
+from dispatcher.layer.layer import PhysicalLayer, block_id
+from dispatcher.layer.network import Inputs
+from dispatcher.layer.ownership import Block, BlockName
+from dispatcher.operations.imperfections import over
+from dispatcher.operations.measurements import Measurements
+from dispatcher.refusal import Refusal
+from dispatcher.timeouts import ANALYSER_WAIT_S
+from wire.dispatcher_pb2 import BellMeasureRequest, BellOutcomes, Feedback
+from wire.outcomes import NO_CLICK
+from wire.parameters.physics import BEAM_SPLITTER
+
+MOST_REPORTS = 1000  # that an agent has not read yet; beyond, the oldest are lost
+INDISTINGUISHABLE = (0, 2)  # by linear optics
+
+
+class Analysers:
+    """The analysers of all switches."""
+
+    def __init__(
+        self,
+        layer: PhysicalLayer,
+        measurements: Measurements,
+        failed: Callable[[BaseException], None],
+    ) -> None:
+        """Call `failed` with what ends a measurement unexpectedly."""
+        self._layer, self._measurements, self._failed = layer, measurements, failed
+        self._waiting: dict[tuple[str, str], deque[Block]] = {}  # by node and port
+        self._limits: dict[Block, asyncio.Task[None]] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._numbers = dict.fromkeys(layer.network.analysers, 0)
+        self._reports: dict[str, set[asyncio.Queue[BellOutcomes]]] = {}  # by switch
+
+    def look(self, name: BlockName) -> None:
+        """Take light of a block that waits at an input, if the rest of it does not fly."""
+        ownership = self._layer.ownership
+        for block in ownership.parts(name) if self._numbers else ():
+            is_new = block.node in self._numbers and block not in self._limits
+            if is_new and not ownership.rest_flies(block):
+                self._take(block, self._layer.network.analysers[block.node])
+
+    def close(self, switch: str, connected: set[int]) -> None:
+        """End the wait of light at inputs to which no connection of the switch leads any more."""
+        for (node, port), blocks in list(self._waiting.items()):
+            if self._layer.network.analysers[node].switch == switch and int(port) not in connected:
+                for block in list(blocks):
+                    self._end_alone(block, BellOutcomes.CLOSED)
+
+    @contextmanager
+    def watching(self, switch: str) -> Iterator[AsyncIterator[BellOutcomes]]:
+        """Give the reports of a switch's analysers from now on."""
+        reports = asyncio.Queue[BellOutcomes](MOST_REPORTS)
+        watchers = self._reports.setdefault(switch, set())
+        watchers.add(reports)
+        try:
+            yield _each(reports)
+        finally:
+            watchers.remove(reports)
+
+    def _take(self, block: Block, inputs: Inputs) -> None:
+        (other,) = (port for port in inputs.ports if port != block.port)
+        if partners := self._waiting.get((block.node, other)):
+            partner = partners[0]
+            self._end_wait(partner)
+            pair = (block, partner) if block.port == inputs.ports[0] else (partner, block)
+            self._meet(*pair)
+            return
+        self._waiting.setdefault((block.node, block.port), deque()).append(block)
+        self._limits[block] = self._begin(self._expire(block))
+
+    def _begin(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._ended)
+        return task
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            self._failed(error)
+
+    async def _expire(self, block: Block) -> None:
+        clock = self._layer.clock
+        await clock.wait_until(clock.now_ns() + int(ANALYSER_WAIT_S * 1e9))
+        self._end_alone(block, BellOutcomes.NO_PARTNER)
+
+    def _end_wait(self, block: Block) -> None:
+        place = block.node, block.port
+        self._waiting[place].remove(block)
+        if not self._waiting[place]:
+            del self._waiting[place]
+        limit = self._limits.pop(block)
+        if limit is not asyncio.current_task():
+            limit.cancel()
+
+    def _end_alone(self, block: Block, end: "BellOutcomes.End") -> None:
+        """Discard light that nothing will meet."""
+        self._end_wait(block)
+        self._discard(end, block)
+
+    def _discard(self, end: "BellOutcomes.End", *blocks: Block) -> None:
+        layer, node = self._layer, blocks[0].node
+        for block in blocks:
+            name = BellOutcomes.End.Name(end).lower().replace("_", " ")
+            layer.record(node, "discard", block, block.port, name)
+            layer.drop(block)
+        self._report(node, BellOutcomes(end=end, photons=blocks[0].register.size))
+
+    def _meet(self, first: Block, second: Block) -> None:
+        """Bell-measure the light of two inputs; what does not fit together is discarded."""
+        layer, node = self._layer, first.node
+        request = BellMeasureRequest(first=block_id(first.name), second=block_id(second.name))
+        try:
+            with CausedBy(node, "bell_measure", request):
+                feedback = self._measurements.bell_measure_blocks(node, first, second)
+        except Refusal as refusal:
+            layer.record(node, "refuse", first, first.port, str(refusal))
+            self._discard(BellOutcomes.UNFIT, first, second)
+            return
+        outcomes = np.frombuffer(feedback.outcomes, np.uint8).copy()
+        if layer.devices.of(node).analyser.kind in ("linear", BEAM_SPLITTER):
+            outcomes[np.isin(outcomes, INDISTINGUISHABLE)] = NO_CLICK
+        self._begin(self._measured(node, feedback, outcomes.tobytes()))
+
+    async def _measured(self, node: str, feedback: Feedback, outcomes: bytes) -> None:
+        """Report a measurement when it is over."""
+        await over(self._layer, node, feedback)
+        photons = len(outcomes)
+        report = BellOutcomes(end=BellOutcomes.MEASURED, photons=photons, outcomes=outcomes)
+        self._report(node, report)
+
+    def _report(self, node: str, report: BellOutcomes) -> None:
+        """Number a report of an analyser, and queue it for the agent, if that watches."""
+        inputs = self._layer.network.analysers[node]
+        self._numbers[node] += 1
+        report.port, report.number = int(inputs.ports[0]), self._numbers[node]
+        for reports in self._reports.get(inputs.switch, ()):
+            if reports.full():
+                reports.get_nowait()
+            reports.put_nowait(report)
+
+
+async def _each(reports: asyncio.Queue[BellOutcomes]) -> AsyncIterator[BellOutcomes]:
+    while True:
+        yield await reports.get()

@@ -1,0 +1,170 @@
+"""Swaps by the Bell analyser of a switch, programmed by Ryu's stock ofctl_rest and curl alone."""
+
+import json
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from math import sqrt
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import Any
+
+import pytest
+from conftest import ROOT, nothing_left, wait_until
+from fabric_scene import running, served
+from limits import SOON_S
+
+from hosts.stack_socket import QuantumSocketError
+from qmn.running.dispatcher_calls import status
+from topologies.networks.network import Network
+from topologies.sdc import SdcTopo
+from topologies.system.runs.runtime import free_port
+from wire.parameters.physics import BellAnalyser, Device, PairSource
+
+Q1 = 0x1001
+ALICE, BOB, COPPER, FIRST, SECOND = 2, 3, 1, 60_001, 60_002  # ports of q1
+FIDELITY = 0.92  # of each source, of Werner pairs
+VISIBILITY = 0.9
+
+
+class SwapTopo(SdcTopo):
+    """alice and bob make pairs, and q1 has an analyser."""
+
+    def build(self, fidelity: float = 1.0, visibility: float = 1.0, **fiber: Any) -> None:
+        """Lay the network with sources and an analyser that are so good."""
+        super().build(**fiber)
+        source = Device(source=PairSource(fidelity=fidelity))
+        for host in ("alice", "bob"):
+            self.setNodeInfo(host, {**self.nodeInfo(host), "device": source})
+        analyser = BellAnalyser(visibility=visibility)
+        self.setNodeInfo("q1", {**self.nodeInfo("q1"), "analysers": 1, "analyser": analyser})
+
+
+class Curl:
+    """curl, asking the controller's ofctl_rest."""
+
+    def __init__(self, address: str) -> None:
+        self._address = address
+
+    def __call__(self, path: str, content: dict[str, Any] | None = None) -> Any:
+        words = ["curl", "-sS", "--fail-with-body", f"http://{self._address}/stats/{path}"]
+        words += ["-d", json.dumps({"dpid": Q1, **content})] if content is not None else []
+        done = subprocess.run(words, capture_output=True, timeout=SOON_S, check=True)
+        return json.loads(done.stdout)[str(Q1)] if done.stdout else None
+
+    def add(self, in_port: int, *actions: dict[str, Any], **more: Any) -> None:
+        """Add an entry."""
+        apply = [{"type": "APPLY_ACTIONS", "actions": actions}]
+        self("flowentry/add", {"match": {"in_port": in_port}, "instructions": apply, **more})
+
+
+def output(port: int | str) -> dict[str, Any]:
+    return {"type": "OUTPUT", "port": port}
+
+
+def to_host(network: Network, host: str) -> list[dict[str, Any]]:
+    """Return the actions that send a frame to one host."""
+    mac = network.net.get(host).defaultIntf().MAC()
+    return [{"type": "SET_FIELD", "field": "eth_dst", "value": mac}, output(COPPER)]
+
+
+def as_documented(address: str) -> None:
+    """Add the entries of docs/switch-swaps.md, which are in its second block."""
+    page = (ROOT / "docs" / "switch-swaps.md").read_text()
+    lines = page.split("```")[3].replace("127.0.0.1:8080", address)
+    assert lines.count("curl ") == 4
+    subprocess.run(["bash", "-ec", lines], capture_output=True, timeout=SOON_S, check=True)
+
+
+@contextmanager
+def swapping(folder: Path, **noise: float) -> Iterator[tuple[Network, Curl]]:
+    """Run the network; q1 has the entries of a swap, by the commands of the documentation."""
+    address = f"127.0.0.1:{free_port()}"
+    with (
+        nothing_left(),
+        running(
+            lambda: SwapTopo(**noise), folder, rest=address, apps=["ryu.app.ofctl_rest"]
+        ) as network,
+    ):
+        as_documented(address)
+        yield network, Curl(address)
+
+
+def swapped(network: Network, **options: Any) -> dict[str, Any]:
+    """Let alice and bob swap by way of q1."""
+    return served(network, "switch_swap", "alice", "bob", block_pairs=4000, **options)
+
+
+def require_nothing_left(network: Network) -> None:
+    wait_until(lambda: not status(network).live_qubits, "no qubit is left")
+
+
+@contextmanager
+def packets_in() -> Iterator[Callable[[], str]]:
+    """Be one more controller of q1, by ovs-ofctl; give what it has heard."""
+    words = ["ovs-ofctl", "-O", "OpenFlow14", "monitor", "q1", "128", "watch:"]
+    with (
+        TemporaryFile("w+") as heard,
+        subprocess.Popen(words, stdout=heard, stderr=subprocess.STDOUT) as monitor,
+    ):
+
+        def text() -> str:
+            heard.seek(0)
+            return heard.read()
+
+        try:
+            wait_until(text, "it has told of the entries that there are")
+            yield text
+        finally:
+            monitor.terminate()
+
+
+def test_curl_alone_swaps_and_each_end_of_light_has_a_name(tmp_path: Path) -> None:
+    with swapping(tmp_path) as (network, curl):
+        require_swap(network, curl)
+        require_named_ends(network, curl)
+
+
+def require_swap(network: Network, curl: Curl) -> None:
+    """Fail unless a session has ideal pairs, and its outcomes come by each way."""
+    ports = {port["port_no"]: port for port in curl(f"portdesc/{Q1}")}
+    assert (ports[FIRST]["name"], ports[SECOND]["name"]) == ("q1-bell1a", "q1-bell1b")
+    with packets_in() as heard:
+        told = swapped(network, count=5000, sample=0.2)
+        assert (told["pairs"], told["fidelity"]) == (5000, 1)
+        text = f"in_port={FIRST} (via "
+        wait_until(lambda: text in heard(), "outcomes are a PACKET_IN", 10)
+    counted = {curl(f"port/{Q1}/{port}")[0]["tx_packets"] for port in (FIRST, SECOND)}
+    assert counted == {told["emitted"]}
+    (entry,) = [flow for flow in curl(f"flow/{Q1}") if flow["match"] == {"in_port": FIRST}]
+    assert entry["packet_count"] >= 3  # two frames of each block of 4,000
+    require_nothing_left(network)
+
+
+def require_named_ends(network: Network, curl: Curl) -> None:
+    """Fail unless both ends learn why light does not meet, and let go of all qubits."""
+    curl("flowentry/delete", {"match": {"in_port": BOB}})
+    with pytest.raises(QuantumSocketError, match="other end's light did not come in time"):
+        swapped(network, count=100)
+    require_nothing_left(network)
+    curl.add(ALICE, output(FIRST), hard_timeout=2)
+    with pytest.raises(QuantumSocketError, match="its flow entry ended while it waited there"):
+        swapped(network, count=100)
+    require_nothing_left(network)
+    curl("flowentry/delete", {"match": {"in_port": FIRST}})  # as if its agent were gone
+    with pytest.raises(QuantumSocketError, match=r"no outcomes of \d+ pulses from a switch"):
+        swapped(network, count=100)
+    require_nothing_left(network)
+
+
+def test_noise_of_sources_and_of_the_analyser_is_as_the_closed_form_says(tmp_path: Path) -> None:
+    # Werner pairs swap to F^2 + (1 - F)^2/3, and a visibility V flips the phase with (1 - V)/2,
+    # which makes the target of one of the three other Bell states.
+    werner, flip = FIDELITY**2 + (1 - FIDELITY) ** 2 / 3, (1 - VISIBILITY) / 2
+    expected = werner * (1 - flip) + (1 - werner) / 3 * flip
+    with swapping(tmp_path, fidelity=FIDELITY, visibility=VISIBILITY) as (network, curl):
+        hosts = [each for host in ("alice", "bob") for each in to_host(network, host)]
+        curl.add(FIRST, *hosts)  # it takes the place of the one that tells everybody
+        told = swapped(network, count=4000, sample=0.5)
+    # F = (1 + XX - YY + ZZ)/4, each of a third of the sample; no correlation varies by more than 1.
+    assert abs(told["fidelity"] - expected) < 5 * sqrt(9 / 16 / told["sampled"])

@@ -1,0 +1,91 @@
+"""Frames of Bell analysers as bytes: read as written, and hostile ones refused whole."""
+
+import pytest
+
+from wire.analyser_frames import (
+    BROADCAST,
+    HEAD,
+    LEAST_PAYLOAD,
+    MOST_OUTCOMES,
+    AnalyserCounts,
+    AnalyserFrame,
+    End,
+    decode_counts,
+    frames_of,
+    port_description,
+)
+from wire.malformed import MalformedPacket
+
+SENDER = bytes.fromhex("020000000001")
+FRAME = AnalyserFrame(60_001, 7, End.MEASURED, 5, 0, bytes([0, 1, 2, 3, 255]))
+BYTES = FRAME.encode(BROADCAST, SENDER)
+ALONE = AnalyserFrame(60_003, 1, End.NO_PARTNER, 9)
+
+
+@pytest.mark.parametrize("frame", [FRAME, ALONE])
+def test_a_frame_is_read_as_it_was_written(frame: AnalyserFrame) -> None:
+    data = frame.encode(BROADCAST, SENDER)
+    assert AnalyserFrame.decode(data) == frame
+    assert len(data) == 14 + LEAST_PAYLOAD
+
+
+def test_its_bytes_are_as_documented() -> None:
+    payload = BYTES[14:]
+    assert BYTES[:14].hex() == "ffffffffffff02000000000188b5"
+    assert payload[:24].hex() == "514d4e41000000050000ea61000000070000000500000000"
+    assert payload[24:27].hex() == "0123f0"
+
+
+def test_a_long_block_is_told_in_frames_that_ethernet_carries() -> None:
+    outcomes = bytes([0, 1, 2, 255]) * MOST_OUTCOMES
+    report = AnalyserFrame(60_001, 1, End.MEASURED, len(outcomes), 0, outcomes)
+    frames = [each.encode(BROADCAST, SENDER) for each in frames_of(report)]
+    assert max(map(len, frames)) == 1514
+    assert b"".join(AnalyserFrame.decode(frame).outcomes for frame in frames) == outcomes
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (12, 0x08),  # another EtherType
+        (14, 0),  # another magic
+        (18, 4),  # an end that there is not
+        (18, 1),  # no partner, but outcomes
+        (19, 1),  # where 0 is
+        (21, 0),  # no outcomes of light that was measured
+        (21, 6),  # more outcomes than pulses
+        (20, 0xFF),  # more than any frame has
+        (33, 4),  # fewer pulses than outcomes
+        (37, 1),  # beyond the last pulse
+        (38, 0x41),  # no Bell state
+        (40, 0xF1),  # more than the last outcome
+        (50, 1),  # in the padding
+    ],
+)
+def test_hostile_bytes_are_refused(place: int, value: int) -> None:
+    spoilt = BYTES[:place] + bytes([value]) + BYTES[place + 1 :]
+    with pytest.raises(MalformedPacket):
+        AnalyserFrame.decode(spoilt)
+
+
+def test_ports_numbers_and_sizes_of_nothing_are_refused() -> None:
+    for change in ((0, 7, 5), (60_001, 0, 5), (60_001, 7, 0), (60_001, 7, 1 << 25)):
+        fixed = b"QMNA", End.CLOSED, 0, *change, 0
+        payload = HEAD.pack(*fixed).ljust(LEAST_PAYLOAD, b"\0")
+        with pytest.raises(MalformedPacket):
+            AnalyserFrame.decode(BYTES[:14] + payload)
+
+
+def test_counts_add_up_and_are_read_as_written() -> None:
+    counts = AnalyserCounts(60_001)
+    for report in (FRAME, ALONE, AnalyserFrame(60_001, 8, End.UNFIT, 2)):
+        counts.add(report)
+    assert decode_counts(counts.encode()) == [
+        AnalyserCounts(60_001, 5, 1, 1, 1, 1, 1, no_partner=1, unfit=1)
+    ]
+    with pytest.raises(MalformedPacket, match="79 bytes"):
+        decode_counts(counts.encode()[:-1])
+
+
+def test_the_description_of_an_inner_port_is_padded() -> None:
+    assert port_description(2, 1).hex() == "ffff001400514d4e00000001000100010000000200000000"

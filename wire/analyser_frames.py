@@ -1,0 +1,145 @@
+"""The Bell analysers of switches as bytes: their ports, their counts, and the frames they send.
+
+A frame is Ethernet with the type of local experiments, as IP would need an address of the switch:
+
+    address of receiver (6), of the inner port (6), type (2)
+    "QMNA", end (1), 0 (1), outcomes in this frame (2)
+    inner port (4), number (4), pulses of the block (4), the first of them in this frame (4)
+    two outcomes a byte, the first in its high bits: a Bell state, or 15 without a coincidence
+
+All numbers are in network byte order. The frames of one block have the same number, by which the
+analyser counts blocks from 1.
+"""
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Self
+
+from wire.malformed import MalformedPacket
+from wire.optical import EXPERIMENTER
+from wire.outcomes import NO_COINCIDENCE
+
+ETHER_TYPE = b"\x88\xb5"  # IEEE 802, local experimental EtherType 1
+BROADCAST = b"\xff" * 6
+MAGIC = b"QMNA"
+HEAD = struct.Struct("!4sBxHIIII")
+ETHERNET_BYTES, LEAST_PAYLOAD, MOST_PAYLOAD = 14, 46, 1500
+MOST_OUTCOMES = 2 * (MOST_PAYLOAD - HEAD.size)
+MOST_PULSES = 1 << 24
+# Four bits of each outcome are a hexadecimal digit.
+DIGITS = bytes.maketrans(bytes([0, 1, 2, 3, NO_COINCIDENCE]), b"0123f")
+OUTCOMES = bytes.maketrans(b"0123f", bytes([0, 1, 2, 3, NO_COINCIDENCE]))
+PORT_DESCRIPTION = struct.Struct("!HHIIHHI")  # type, length, experimenter, its type; kind, …
+OFPPDPT_EXPERIMENTER = 0xFFFF
+INNER_PORT = 1  # exp_type of our property of a port's description
+BELL_ANALYSER = 1  # the kind of an inner port
+
+
+class End(IntEnum):
+    """How light has ended at an analyser (wire/dispatcher.proto, BellOutcomes)."""
+
+    MEASURED = 0
+    NO_PARTNER = 1
+    CLOSED = 2
+    UNFIT = 3
+
+
+def port_description(analyser: int, which: int) -> bytes:
+    """Return the experimenter's property of an inner port: it leads to this input, of 1 and 2."""
+    ends = INNER_PORT, BELL_ANALYSER, which, analyser
+    length = PORT_DESCRIPTION.size
+    body = PORT_DESCRIPTION.pack(OFPPDPT_EXPERIMENTER, length, EXPERIMENTER, *ends)
+    return body + bytes(-length % 8)
+
+
+@dataclass(frozen=True)
+class AnalyserFrame:
+    """The outcomes of a block, or of a part of it."""
+
+    port: int
+    number: int
+    end: End
+    pulses: int
+    first: int = 0
+    outcomes: bytes = b""  # one byte for each pulse: a Bell state, NO_COINCIDENCE without one
+
+    def encode(self, receiver: bytes, sender: bytes) -> bytes:
+        """Return the frame, padded as Ethernet wants it."""
+        count = len(self.outcomes)
+        packed = bytes.fromhex((self.outcomes.translate(DIGITS) + b"0" * (count % 2)).decode())
+        fixed = self.end, count, self.port, self.number, self.pulses, self.first
+        payload = HEAD.pack(MAGIC, *fixed) + packed
+        return receiver + sender + ETHER_TYPE + payload.ljust(LEAST_PAYLOAD, b"\0")
+
+    @classmethod
+    def decode(cls, frame: bytes) -> Self:
+        """Read a frame; raise MalformedPacket for any other."""
+        payload = frame[ETHERNET_BYTES:]
+        if frame[12:ETHERNET_BYTES] != ETHER_TYPE or len(payload) < LEAST_PAYLOAD:
+            raise MalformedPacket(f"no frame of an analyser in {len(frame)} bytes")
+        magic, end, count, port, number, pulses, first = HEAD.unpack_from(payload)
+        size = HEAD.size + (count + 1) // 2
+        if magic != MAGIC or end > max(End) or payload[5] or count > MOST_OUTCOMES:
+            raise MalformedPacket(f"frame of an analyser that begins {payload[:8].hex()}")
+        if not 0 < pulses <= MOST_PULSES or first + count > pulses or not port or not number:
+            raise MalformedPacket(f"outcomes {first} to {first + count} of {pulses} pulses")
+        if (end == End.MEASURED) != (count > 0):
+            raise MalformedPacket(f"{count} outcomes of light that has ended as {End(end).name}")
+        if len(payload) != max(size, LEAST_PAYLOAD) or any(payload[size:]):
+            raise MalformedPacket(f"{len(payload)} bytes for {count} outcomes")
+        return cls(
+            port, number, End(end), pulses, first, _outcomes(payload[HEAD.size : size], count)
+        )
+
+
+def _outcomes(packed: bytes, count: int) -> bytes:
+    digits = packed.hex().encode()
+    if digits[:count].translate(None, b"0123f") or digits[count:].strip(b"0"):
+        raise MalformedPacket("an outcome other than a Bell state")
+    return digits[:count].translate(OUTCOMES)
+
+
+def frames_of(report: AnalyserFrame) -> Iterator[AnalyserFrame]:
+    """Yield the frames of a whole block."""
+    head = report.port, report.number, report.end, report.pulses
+    for first in range(0, max(len(report.outcomes), 1), MOST_OUTCOMES):
+        yield AnalyserFrame(*head, first, report.outcomes[first : first + MOST_OUTCOMES])
+
+
+@dataclass
+class AnalyserCounts:
+    """Counts of an analyser since its switch's agent began."""
+
+    FIELDS = struct.Struct("!I4x9Q")
+
+    port: int  # of its first input
+    pulses: int = 0  # that met
+    phi_plus: int = 0
+    psi_plus: int = 0
+    phi_minus: int = 0
+    psi_minus: int = 0
+    none: int = 0  # pulses without an outcome
+    no_partner: int = 0  # blocks
+    closed: int = 0
+    unfit: int = 0
+
+    def add(self, report: AnalyserFrame) -> None:
+        self.pulses += len(report.outcomes)
+        for name, outcome in (("phi_plus", 0), ("psi_plus", 1), ("phi_minus", 2), ("psi_minus", 3)):
+            setattr(self, name, getattr(self, name) + report.outcomes.count(outcome))
+        self.none += report.outcomes.count(NO_COINCIDENCE)
+        if report.end != End.MEASURED:
+            name = report.end.name.lower()
+            setattr(self, name, getattr(self, name) + 1)
+
+    def encode(self) -> bytes:
+        return self.FIELDS.pack(*vars(self).values())
+
+
+def decode_counts(body: bytes) -> list[AnalyserCounts]:
+    """Read the body of a reply; raise MalformedPacket if it is not whole entries."""
+    if len(body) % AnalyserCounts.FIELDS.size:
+        raise MalformedPacket(f"counts of analysers in {len(body)} bytes")
+    return [AnalyserCounts(*counts) for counts in AnalyserCounts.FIELDS.iter_unpack(body)]
