@@ -31,8 +31,8 @@ from dispatcher.laboratory import Laboratory
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.registers import Mask
 from evidence.attacks.photons import SEED, Spied
+from evidence.curves.bb84 import TO_EVE
 from evidence.curves.link import configuration, fiber
-from evidence.curves.photon_splitting import TO_EVE
 from hosts.middleware.qkd.key_length import asymptotic_fraction
 from wire.outcomes import NO_CLICK
 

@@ -12,15 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dispatcher.laboratory import Laboratory
-from evidence.curves import photon_splitting as splitting
-from evidence.curves.decoy_states import X, key
-from evidence.curves.link import configuration, fiber
-from evidence.curves.multi_pair import LOSS
-from evidence.curves.parameters import Values
-from evidence.curves.photon_splitting import TO_BOB, TO_EVE
+from evidence.curves.bb84 import TO_BOB, TO_EVE, X, decoy_key, decoys_of, spied
+from evidence.curves.link import fiber, network
+from evidence.curves.parameters import Point
 from hosts.hardware.qnic import LEFT_ALONE
-from hosts.middleware.qkd.decoy import Decoys
 from hosts.middleware.qkd.key_length import asymptotic_fraction
 
 SEED = 1
@@ -55,13 +50,13 @@ def fiber_tap(defended: bool, bits: int) -> tuple[int, int]:
 
 def resent(defended: bool, bits: int, fraction: float) -> tuple[int, int]:
     """Return how many bits eve knows who has measured a fraction of the photons, of how many."""
-    spied = asyncio.run(_resent(2 * bits, fraction))
-    share = asymptotic_fraction(spied.qber) if defended else 1.0
-    return spied.left(share * spied.bits), spied.bits
+    sifted = asyncio.run(_resent(2 * bits, fraction))
+    share = asymptotic_fraction(sifted.qber) if defended else 1.0
+    return sifted.left(share * sifted.bits), sifted.bits
 
 
 async def _resent(photons: int, fraction: float) -> Spied:
-    laboratory = Laboratory(configuration(SEED, [fiber(*TO_EVE), fiber(*TO_BOB)]))
+    laboratory = network(SEED, [fiber(*TO_EVE), fiber(*TO_BOB)])
     alice, eve, bob = (laboratory.host(name) for name in ("alice", "eve", "bob"))
     random, light = np.random.default_rng(SEED), (0, 0)
     states = random.integers(0, 4, photons, dtype=np.uint8)
@@ -86,17 +81,12 @@ def photon_splitting(defended: bool, bits: int) -> tuple[int, int]:
 
     The defence is decoy states, by which the ends find how much light of single photons comes.
     """
-    values: Values = {
-        LOSS.name: HIDDEN_DB,
-        splitting.MEAN.name: 0.5,
-        splitting.EVE.name: "on",
-        splitting.DECOYS.name: "on" if defended else "off",
-        "pairs": PULSES_PER_BIT * 2 * bits,
-    }
-    found, known = asyncio.run(splitting.exchange(values, SEED))
-    of_key, pulses = found.counts[X], int(found.sent.sum())
-    spied = Spied(int(of_key.sum()), int(known[X]), int(of_key[1].sum()))
-    length = float(spied.bits)
+    decoys, pulses = "on" if defended else "off", PULSES_PER_BIT * 2 * bits
+    point = Point(loss_db=HIDDEN_DB, mean_photons=0.5, eve="on", decoys=decoys, pairs=pulses)
+    found, known = asyncio.run(spied(point, SEED))
+    of_key, sent = found.counts[X], int(found.sent.sum())
+    sifted = Spied(int(of_key.sum()), int(known[X]), int(of_key[1].sum()))
+    length = float(sifted.bits)
     if defended:
-        length = key(Decoys(splitting.means_of(values)), found.counts, pulses).value * pulses
-    return spied.left(length), spied.bits
+        length = decoy_key(decoys_of(point), found.counts, sent).value * sent
+    return sifted.left(length), sifted.bits

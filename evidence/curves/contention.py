@@ -20,8 +20,8 @@ from controller_apps.light.paths import HostPort, Network
 from controller_apps.sessions.actions import Action, Note, OpenPaths
 from controller_apps.sessions.arbiter import Arbiter
 from evidence.curves.estimates import NOTHING, Estimate, ratio
-from evidence.curves.experiment import Experiment, Measure, Outcome, SweepError, number
-from evidence.curves.parameters import Parameter, Values
+from evidence.curves.experiment import Outcome, SweepError
+from evidence.curves.parameters import Point
 from evidence.traffic.erlang import erlang_b, erlang_c, mean_wait
 from wire.metadata.header import METADATA_PORT
 from wire.metadata.setup import SETUP_LENGTH, Setup
@@ -29,16 +29,11 @@ from wire.metadata.vocabulary import Handshake, Service
 from wire.optical import ANY_PORT, ANY_WAVELENGTH, TX_PWR, USE_FREQ, PathOptics, PortOptics
 from wire.parameters.fiber import FiberOptics
 
-LOAD = Parameter("load", 2.0, 0.05, 64.0, "erlang")
-CHANNELS = Parameter("channels", 4, 1, 28)
-KIND = Parameter("trunk", "fibres", choices=("fibres", "wavelengths"))  # of one fibre
-RULE = Parameter("contention", "refuse", choices=("refuse", "queue"))
-HOLDING = Parameter("holding", "exponential", choices=("exponential", "constant"))
-SESSIONS = Parameter("sessions", 10_000, 1_000, 1_000_000)
 S1, Q1, Q2 = 1, 2, 3  # datapath ids
 PAIRS = 100  # of hosts, more than there are in sessions and in the queue
 BATCHES = 40  # of sessions one after the other; the first is left out, as it begins empty
 FIRST_SEQUENCE = 100
+BUDGET_DB = 30.0
 FOR_EVER_S = 1e12  # the queue's patience, and that with silent sessions
 PUSH, FIN, ACK = 8, 1, 16
 _ETHERNET_IP_TCP = struct.Struct("!12sH BBHHHBBH4s4s HHIIBBHHH")
@@ -125,20 +120,18 @@ class Trunk:
                 self.idle.append(self.pairs.pop(action.session))
 
 
-async def contend(values: Values, seed: int) -> Outcome:
+async def contend(v: Point, seed: int) -> Outcome:
     """Ask for sessions one after the other, and count who was blocked and who waited."""
-    random, load, count = Random(seed), number(values, LOAD.name), int(values[SESSIONS.name])  # noqa: S311
-    channels, queues = int(values[CHANNELS.name]), values[RULE.name] == "queue"
-    if queues and load >= channels:
+    random, count, queues = Random(seed), int(v.sessions), v["contention"] == "queue"  # noqa: S311
+    if queues and v.load >= v.channels:
         return dict.fromkeys(("blocked", "waited", "wait"), NOTHING)  # the queue never ends
-    exponential = values[HOLDING.name] == "exponential"
+    exponential = v["holding"] == "exponential"
     holding_s = iter(lambda: random.expovariate(1.0) if exponential else 1.0, None)
-    budget_db = 30.0
-    network = trunk(channels, values[KIND.name] == "wavelengths")
-    arbiter = Arbiter(network, FOR_EVER_S, FOR_EVER_S, budget_db, queues)
+    network = trunk(int(v.channels), v["trunk"] == "wavelengths")
+    arbiter = Arbiter(network, FOR_EVER_S, FOR_EVER_S, BUDGET_DB, queues)
     state, now = Trunk(arbiter, holding_s), 0.0
     for session in range(1, count + 1):
-        now += random.expovariate(load)
+        now += random.expovariate(v.load)
         state.end_until(now)
         state.ask(session, now)
     state.end_until(FOR_EVER_S)
@@ -147,6 +140,20 @@ async def contend(values: Values, seed: int) -> Outcome:
         "waited": batched(count, {session: 1.0 for session, s in state.waited.items() if s}),
         "wait": batched(count, state.waited),
     }
+
+
+def of_trunk(v: Point) -> dict[str, float | None]:
+    """Refusals are the same for holding times of any distribution, waits are not."""
+    load, channels = v.load, int(v.channels)
+    if v["contention"] == "refuse":
+        return {"blocked": erlang_b(load, channels), "waited": 0.0, "wait": 0.0}
+    found: dict[str, float | None] = dict.fromkeys(("blocked", "waited", "wait"))
+    if load < channels:
+        found["blocked"] = 0.0
+        if v["holding"] == "exponential":
+            found["waited"] = erlang_c(load, channels)
+            found["wait"] = mean_wait(load, channels, 1.0)
+    return found
 
 
 def batched(count: int, values: dict[int, float]) -> Estimate:
@@ -158,40 +165,3 @@ def batched(count: int, values: dict[int, float]) -> Estimate:
         if batch < BATCHES:
             sums[batch] += value
     return ratio(sums[1:], [size] * (BATCHES - 1))
-
-
-def blocked(values: Values) -> float | None:
-    """Return the theory of blocked: it holds for holding times of any distribution."""
-    load, channels = number(values, LOAD.name), int(values[CHANNELS.name])
-    if values[RULE.name] == "refuse":
-        return erlang_b(load, channels)
-    return 0.0 if load < channels else None
-
-
-def waited(values: Values) -> float | None:
-    if values[RULE.name] == "refuse":
-        return 0.0
-    load, channels = number(values, LOAD.name), int(values[CHANNELS.name])
-    known = values[HOLDING.name] == "exponential" and load < channels
-    return erlang_c(load, channels) if known else None
-
-
-def wait(values: Values) -> float | None:
-    if values[RULE.name] == "refuse":
-        return 0.0
-    load, channels = number(values, LOAD.name), int(values[CHANNELS.name])
-    known = values[HOLDING.name] == "exponential" and load < channels
-    return mean_wait(load, channels, 1.0) if known else None
-
-
-LIGHT = Experiment(
-    "light",
-    "contention for the channels of a trunk, by the controller in counted time",
-    (LOAD, CHANNELS, KIND, RULE, HOLDING, SESSIONS),
-    (
-        Measure("blocked", "sessions that are refused", blocked),
-        Measure("waited", "sessions that wait for light", waited),
-        Measure("wait", "mean wait for light (mean holding times)", wait),
-    ),
-    contend,
-)

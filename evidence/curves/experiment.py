@@ -1,10 +1,10 @@
 """An experiment: the measures that are taken at each point of a grid."""
 
-from collections.abc import Callable, Collection, Coroutine
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 from evidence.curves.estimates import Estimate
-from evidence.curves.parameters import BadGrid, Parameter, Value, Values
+from evidence.curves.parameters import BadGrid, Parameter, Point, Value, Values
 from wire.parameters.checks import remedy
 
 Outcome = dict[str, Estimate]
@@ -37,14 +37,12 @@ class Measure:
 
 @dataclass(frozen=True)
 class Experiment:
-    """A measurement on the physical layer, repeatable by its seed."""
+    """Measures over parameters, repeatable by a seed."""
 
     name: str
     what: str
     parameters: tuple[Parameter, ...]
     measures: tuple[Measure, ...]
-    # On the physical layer alone; None: only in an emulated network.
-    run: Callable[[Values, int], Coroutine[None, None, Outcome]] | None = None
     # Values implied by the given ones; the rest is at its default.
     implied: Callable[[Values], Values] = lambda _given: {}
     # Parameters that the network does not get, at their defaults here: it may have others.
@@ -64,9 +62,9 @@ class Experiment:
     def measure(self, name: str) -> Measure:
         return next(measure for measure in self.measures if measure.name == name)
 
-    def complete(self, given: Values) -> Values:
+    def complete(self, given: Values) -> Point:
         defaults = {parameter.name: parameter.default for parameter in self.parameters}
-        return {**defaults, **self.implied(given), **given}
+        return Point({**defaults, **self.implied(given), **given})
 
     def place(self, values: Values) -> str:
         """Name a point by the parameters that are not at their defaults."""
@@ -78,7 +76,3 @@ class Experiment:
 def number(values: Values, name: str) -> float:
     value: Value = values[name]
     return float(value)
-
-
-def pairs_parameter(default: int = 200_000) -> Parameter:
-    return Parameter("pairs", default, 1_000, 100_000_000)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evidence.curves import theory
-from evidence.curves.decoy_states import CORRECTION, DARK_COUNT, EFFICIENCY, ERROR, LOSS_DB_PER_KM
+from evidence.curves.bb84 import CORRECTION, DARK_COUNT, EFFICIENCY, ERROR, LOSS_DB_PER_KM
 from hosts.middleware.qkd.decoy import TERMS, Decoys, Sifted, bounds
 from hosts.middleware.qkd.key_length import binary_entropy
 

@@ -9,7 +9,7 @@ its way. In the trunk a key needs one; a pair that is made at one side for two h
 needs two. Hosts that take part are idle ones, and switches take no time.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from random import Random
 
@@ -17,17 +17,14 @@ from controller_apps.light.optics import SwitchOptics, SwitchPort
 from controller_apps.light.paths import HostPort, Network
 from controller_apps.sessions.arbiter import Arbiter
 from evidence.curves.contention import FOR_EVER_S, batched
-from evidence.curves.experiment import Experiment, Measure, Outcome, number
-from evidence.curves.parameters import Parameter, Values
+from evidence.curves.estimates import Estimate
+from evidence.curves.experiment import Outcome
+from evidence.curves.parameters import Point
 from evidence.traffic.counted import Asked, CountedTime, Fate
 from evidence.traffic.erlang import blocked_on_links, kaufman_roberts
 from wire.metadata.vocabulary import Service
 from wire.optical import ANY_PORT, PathOptics
 
-LOAD = Parameter("load", 2.0, 0.05, 16.0, "erlang")
-CHANNELS = Parameter("channels", 4, 2, 8)
-LINKS = Parameter("links", 3, 1, 4)
-SESSIONS = Parameter("sessions", 20_000, 1_000, 1_000_000)
 HOSTS = 128  # of a class at each end: who asks has been idle for long when its turn comes again
 FIBERS = 2  # of a host
 WIDE = 2  # fibres of the trunk that a pair for two hosts needs
@@ -101,78 +98,49 @@ def asked(own: Class, hosts: tuple[str, ...], now: float, holding_s: float) -> A
     return Asked(now, opener, acceptor, holding_s, source=source, service=own.service)
 
 
-def blocked(fates: Sequence[Fate]) -> Outcome:
+def blocked(fates: Sequence[Fate]) -> Estimate:
     """Return the share of a class that is refused."""
-    refused = {number: 1.0 for number, each in enumerate(fates, 1) if each.reason}
-    return {"blocked": batched(len(fates), refused)}
+    return batched(len(fates), {place: 1.0 for place, each in enumerate(fates, 1) if each.reason})
 
 
-def classes_of_chain(values: Values) -> list[Class]:
-    links, load = int(values[LINKS.name]), number(values, LOAD.name) / 2
+def classes_of_chain(v: Point) -> list[Class]:
+    links, load = int(v.links), v.load / 2
     alone = [Class(link, link + 1, load) for link in range(1, links + 1)]
     return [Class(1, links + 1, load), *alone]
 
 
-def routes(values: Values) -> tuple[list[float], list[Sequence[int]], list[int]]:
+def routes(v: Point) -> tuple[list[float], list[Sequence[int]], list[int]]:
     """Return the chain as theory takes it: loads, the links of each class, their fibres."""
-    classes, links = classes_of_chain(values), int(values[LINKS.name])
+    classes = classes_of_chain(v)
     ways: list[Sequence[int]] = [range(each.begin - 1, each.end - 1) for each in classes]
-    return [each.load for each in classes], ways, [int(values[CHANNELS.name])] * links
+    return [each.load for each in classes], ways, [int(v.channels)] * int(v.links)
 
 
-async def over_links(values: Values, seed: int) -> Outcome:
+async def over_links(v: Point, seed: int) -> Outcome:
     """Count who is blocked on a chain: those that pass all of it, and those of its first link."""
-    network = chain(int(values[LINKS.name]) + 1, int(values[CHANNELS.name]))
-    count = int(values[SESSIONS.name])
-    through, first, *_others = contend(network, classes_of_chain(values), count, seed)
-    return {
-        "through": blocked(through)["blocked"],
-        "one_link": blocked(first)["blocked"],
-    }
+    network = chain(int(v.links) + 1, int(v.channels))
+    through, first, *_others = contend(network, classes_of_chain(v), int(v.sessions), seed)
+    return {"through": blocked(through), "one_link": blocked(first)}
 
 
-def of_chain(kind: int) -> Callable[[Values], float | None]:
-    return lambda values: blocked_on_links(*routes(values))[kind]
+def of_chain(v: Point) -> dict[str, float]:
+    through, first, *_others = blocked_on_links(*routes(v))
+    return {"through": through, "one_link": first}
 
 
-async def several_fibers(values: Values, seed: int) -> Outcome:
+async def several_fibers(v: Point, seed: int) -> Outcome:
     """Count who is blocked on a trunk: keys, and pairs for two hosts, of as many fibres each."""
-    network = chain(2, int(values[CHANNELS.name]))
-    narrow, wide = contend(network, classes_of_trunk(values), int(values[SESSIONS.name]), seed)
-    return {"narrow": blocked(narrow)["blocked"], "wide": blocked(wide)["blocked"]}
+    network = chain(2, int(v.channels))
+    narrow, wide = contend(network, classes_of_trunk(v), int(v.sessions), seed)
+    return {"narrow": blocked(narrow), "wide": blocked(wide)}
 
 
-def classes_of_trunk(values: Values) -> list[Class]:
+def classes_of_trunk(v: Point) -> list[Class]:
     """Return sessions of one fibre, and of two: half of the fibres are asked for by either."""
-    load = number(values, LOAD.name) / 2
-    return [Class(1, 2, load), Class(1, 2, load / WIDE, Service.DISTRIBUTE)]
+    return [Class(1, 2, v.load / 2), Class(1, 2, v.load / 2 / WIDE, Service.DISTRIBUTE)]
 
 
-def of_trunk(kind: int) -> Callable[[Values], float | None]:
-    def theory(values: Values) -> float:
-        loads = [each.load for each in classes_of_trunk(values)]
-        return kaufman_roberts(loads, [1, WIDE], int(values[CHANNELS.name]))[kind]
-
-    return theory
-
-
-CHAIN_OF_LINKS = Experiment(
-    "links",
-    "sessions over several links of a chain, by the controller in counted time",
-    (LOAD, LINKS, CHANNELS, SESSIONS),
-    (
-        Measure("through", "sessions over all links that are refused", of_chain(0)),
-        Measure("one_link", "sessions over the first link that are refused", of_chain(1)),
-    ),
-    over_links,
-)
-SEVERAL_FIBERS = Experiment(
-    "several-fibers",
-    "sessions of one fibre and of two, by the controller in counted time",
-    (LOAD, CHANNELS, SESSIONS),
-    (
-        Measure("narrow", "sessions of one fibre that are refused", of_trunk(0)),
-        Measure("wide", "sessions of two fibres that are refused", of_trunk(1)),
-    ),
-    several_fibers,
-)
+def of_several_fibers(v: Point) -> dict[str, float]:
+    loads = [each.load for each in classes_of_trunk(v)]
+    narrow, wide = kaufman_roberts(loads, [1, WIDE], int(v.channels))
+    return {"narrow": narrow, "wide": wide}

@@ -22,6 +22,15 @@ MAX_VALUES = 10_000
 RANGE = re.compile(r"([\d.]+)-([\d.]+)")  # as people write one
 
 
+class Point(dict[str, Value]):
+    """Values of an experiment's parameters; numbers are attributes, too."""
+
+    def __getattr__(self, name: str) -> float:
+        if name not in self:
+            raise AttributeError(name)
+        return float(self[name])
+
+
 class BadGrid(ValueError):
     """A grid that cannot be; the message names parameter, value and range."""
 
@@ -131,6 +140,22 @@ class Parameter:
         remedy = f": write {between[1]}:{between[2]}:11" if between else share(text)
         numbers = not self.choices and not self.text and not self.whole
         return BadGrid(f"{self.name} {given!r}: {self.range}{remedy if numbers else ''}")
+
+
+def declared(name: str, given: Any) -> Parameter:
+    """Return a parameter as experiments.toml has it.
+
+    A number is the default from 0 to 1; a list has default, least, most, and a unit that the name
+    does not say. A list of texts has the choices, the default first; a table has other fields.
+    """
+    if isinstance(given, dict):
+        choices = tuple(given.get("choices", ()))
+        return Parameter(name, given["default"], choices=choices, text=given.get("text", ""))
+    if not isinstance(given, list):
+        return Parameter(name, given, unit=unit_of(name))
+    if isinstance(given[0], str):
+        return Parameter(name, given[0], choices=tuple(given))
+    return Parameter(name, *given[:3], *given[3:] or [unit_of(name)])
 
 
 def of_dataclass(prefix: str, device: Any) -> list[Parameter]:

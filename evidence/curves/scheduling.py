@@ -10,12 +10,12 @@ from random import Random
 
 from controller_apps.light.optics import SwitchOptics, SwitchPort
 from controller_apps.light.paths import HostPort, Network
-from controller_apps.policy.schedules import ORDERS, Queue
+from controller_apps.policy.schedules import Queue
 from controller_apps.sessions.arbiter import Arbiter
 from evidence.curves.contention import FOR_EVER_S, batched
 from evidence.curves.estimates import Estimate
-from evidence.curves.experiment import Experiment, Measure, Outcome, SweepError, number
-from evidence.curves.parameters import Parameter, Values
+from evidence.curves.experiment import Outcome, SweepError
+from evidence.curves.parameters import Point
 from evidence.traffic.counted import Asked, CountedTime, Fate
 from programs.shortest_paths import Distances, shortest
 from topologies.catalogue.maps import BadMap, Map, read_map
@@ -23,15 +23,6 @@ from topologies.links.copper_lengths import centre
 from wire.optical import ANY_PORT, PathOptics
 from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
 
-RATE = Parameter("rate_per_s", 20.0, 0.001, 1_000.0, "requests/s")
-ORDER = Parameter("order", "fcfs", choices=tuple(ORDERS))
-MAP = Parameter("map", "garr", text="a known map")
-SIGNALLING = Parameter("signalling", "on", choices=("on", "off"))
-HOLDING = Parameter("holding_s", 0.5, 0.01, 60.0, "s")
-SLOT = Parameter("slot_s", 0.6, 0.05, 60.0, "s")
-DEADLINE = Parameter("deadline_s", 3.0, 0.1, 600.0, "s")  # the latest; any from none on
-URGENT = Parameter("urgent", 0.2)
-SESSIONS = Parameter("sessions", 2_000, 400, 1_000_000)
 HOST_FIBERS = WAY_FIBERS = 2
 
 
@@ -70,36 +61,35 @@ def away(read: Map, switches: dict[str, int]) -> dict[str | int, float]:
     return found
 
 
-def requests(values: Values, hosts: list[str], random: Random) -> list[Asked]:
-    """Return what is asked for, the same for every order."""
+def requests(v: Point, hosts: list[str], random: Random) -> list[Asked]:
+    """Return what is asked for, the same for every order; deadlines are any from none on."""
     now, found = 0.0, []
-    for _ in range(int(values[SESSIONS.name])):
-        now += random.expovariate(number(values, RATE.name))
+    for _ in range(int(v.sessions)):
+        now += random.expovariate(v.rate_per_s)
         opener, acceptor = random.sample(hosts, 2)
-        urgent = int(random.random() < number(values, URGENT.name))
-        deadline_s = max(random.uniform(0.0, number(values, DEADLINE.name)), 0.001)
-        holding_s = number(values, HOLDING.name)
-        found.append(Asked(now, opener, acceptor, holding_s, urgent, deadline_s))
+        urgent = int(random.random() < v.urgent)
+        deadline_s = max(random.uniform(0.0, v.deadline_s), 0.001)
+        found.append(Asked(now, opener, acceptor, v.holding_s, urgent, deadline_s))
     return found
 
 
-async def schedule(values: Values, seed: int) -> Outcome:
-    """Have them all ask; count who had light in time, and how long it took."""
+async def schedule(v: Point, seed: int) -> Outcome:
+    """Ask for all of them; count who had light in time, and how long it took."""
     try:
-        read = read_map(str(values[MAP.name]))
+        read = read_map(str(v["map"]))
     except BadMap as error:
         raise SweepError(str(error)) from error
     network, switches = network_of(read)
-    away_s = away(read, switches) if values[SIGNALLING.name] == "on" else {}
-    slot_s = number(values, SLOT.name)
-    queue = Queue(str(values[ORDER.name]), slot_s)
+    away_s = away(read, switches) if v["signalling"] == "on" else {}
+    queue = Queue(str(v["order"]), v.slot_s)
     arbiter = Arbiter(network, FOR_EVER_S, FOR_EVER_S, queues=True, order=queue)
-    asked = requests(values, [address(dpid) for dpid in switches.values()], Random(seed))  # noqa: S311
+    asked = requests(v, [address(dpid) for dpid in switches.values()], Random(seed))  # noqa: S311
     fates = CountedTime(arbiter, lambda place: away_s.get(place, 0.0)).run(asked)
+    waits = [each.waited_s for each in fates if each.waited_s is not None]  # of those with light
     return {
         "in_time": share_in_time(fates),
         "urgent_in_time": share_in_time([each for each in fates if each.asked.priority]),
-        "wait": mean_wait([each.waited_s for each in fates if each.waited_s is not None]),
+        "wait": batched(len(waits), dict(enumerate(waits, 1))),
     }
 
 
@@ -107,21 +97,3 @@ def share_in_time(fates: list[Fate]) -> Estimate:
     waited = ((each.waited_s, each.asked.deadline_s) for each in fates)
     fit = (had is not None and had <= deadline_s for had, deadline_s in waited)
     return batched(len(fates), dict.fromkeys((n for n, fits in enumerate(fit, 1) if fits), 1.0))
-
-
-def mean_wait(waits: list[float]) -> Estimate:
-    """Return the mean time until light, of those that had some."""
-    return batched(len(waits), dict(enumerate(waits, 1)))
-
-
-SCHEDULE = Experiment(
-    "schedule",
-    "schedulers of light on a map, by the controller in counted time, signalling included",
-    (RATE, ORDER, MAP, SIGNALLING, HOLDING, SLOT, DEADLINE, URGENT, SESSIONS),
-    (
-        Measure("in_time", "requests with light by their deadline"),
-        Measure("urgent_in_time", "urgent requests with light by their deadline"),
-        Measure("wait", "mean time until light (s)"),
-    ),
-    schedule,
-)

@@ -1,17 +1,17 @@
 """Superdense coding over one fibre: two bits a pair."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 
-from dispatcher.laboratory import LaboratoryHost
+from dispatcher.laboratory import Laboratory
 from evidence.curves import coding_theory, theory
 from evidence.curves.estimates import information, mean, proportion, ratio
-from evidence.curves.experiment import Experiment, Measure, Outcome, number, pairs_parameter
-from evidence.curves.link import LINK, PLAIN, TESTED, implied, is_plain, link
-from evidence.curves.parameters import Parameter, Values
+from evidence.curves.experiment import Outcome
+from evidence.curves.link import PLAIN, TESTED, blocks, is_plain, link
+from evidence.curves.parameters import Point
 from hosts.middleware.services.superdense.coding import (
     CODES,
     NAMES,
@@ -23,9 +23,6 @@ from hosts.middleware.services.superdense.coding import (
 )
 from wire.outcomes import NO_COINCIDENCE
 
-BLOCK_PAIRS = 65_536
-MIN_BLOCK_PAIRS = 1_024
-BATCHES = 64  # that the error of the residual bit error is estimated from, if there are as many
 LOSSES = ("length_km", "loss_db_per_km", "connectors_db")
 EFFICIENCY = "detectors_efficiency"
 PHASE_NOISE = ("dephasing", "analyser_visibility")
@@ -34,29 +31,26 @@ PAULI_NOISE = (
     *("polarization_drift_rad_per_sqrt_km", "polarization_drift_time_s"),
     *("burst_depolarizing", "burst_start_hz", "burst_end_hz"),
 )
-FEC = Parameter("fec", "none", choices=tuple(NAMES))
+MEASURES = "bit_error", "dibit_error", "capacity", "arrived", "residual_error"
 RATE_HZ = 50_000_000  # as `qmn run` has it
-RATE = Parameter("rate_hz", RATE_HZ, 1, 4_000_000_000, "Hz")
-INTERLEAVE = Parameter("interleave", "off", choices=("off", "on"))
 
 
-async def run(values: Values, seed: int) -> Outcome:
+async def run(v: Point, seed: int) -> Outcome:
     """Send random data and count the outcomes."""
-    laboratory = link(values, seed)
-    alice, bob = laboratory.host("alice"), laboratory.host("bob")
-    random = np.random.default_rng(seed)
+    laboratory, random = link(v, seed), np.random.default_rng(seed)
     errors = np.zeros(4, np.int64)  # how often sent XOR received was 0, 1, 2, 3
     wrong: list[tuple[int, int]] = []  # bits of each block after decoding, and all of them
-    sizes = list(blocks(int(values["pairs"])))
-    for block, size in enumerate(sizes):
-        message = Message.random(size, str(values["fec"]), values["interleave"] == "on", random)
-        received = await transmit(alice, bob, block, message.dibits, int(values[RATE.name]))
+    pairs = 0
+    for block, size in blocks(v.pairs):
+        message = Message.random(size, str(v["fec"]), v["interleave"] == "on", random)
+        received = await transmit(laboratory, block, message.dibits, int(v.rate_hz))
         came = received != NO_COINCIDENCE
         errors += np.bincount((message.dibits ^ received)[came], minlength=4)
         wrong.append(message.wrong_bits(received))
+        pairs += size
     wrong_bits, all_bits = zip(*wrong, strict=True)
     return {
-        **outcome(errors.tolist(), sum(sizes)),
+        **outcome(errors.tolist(), pairs),
         "residual_error": ratio(wrong_bits, all_bits, message.word_data_bits),
     }
 
@@ -108,10 +102,9 @@ def data_size(code: Code, bits: int) -> int:
     return least
 
 
-async def transmit(
-    alice: LaboratoryHost, bob: LaboratoryHost, block: int, sent: Bits, rate_hz: int = RATE_HZ
-) -> Bits:
+async def transmit(laboratory: Laboratory, block: int, sent: Bits, rate_hz: int = RATE_HZ) -> Bits:
     """Send a dibit a pair; return what bob sees, 255 where no pair came; shape (k,)."""
+    alice, bob = laboratory.host("alice"), laboratory.host("bob")
     await alice.create(len(sent), block)
     await alice.apply((block, 0), sent)
     await alice.send({(block, 0): TESTED[0], (block, 1): PLAIN[0]}, rate_hz)
@@ -126,12 +119,6 @@ async def transmit(
     return await bob.bell_measure((block, 0), (block, 1))
 
 
-def blocks(pairs: int) -> Iterator[int]:
-    """Yield the sizes of equal blocks that make up a number of pairs, or a few less."""
-    size = min(max(pairs // BATCHES, MIN_BLOCK_PAIRS), BLOCK_PAIRS, pairs)
-    yield from [size] * (pairs // size)
-
-
 def outcome(errors: Sequence[int], pairs: int) -> Outcome:
     """Return rates from the counts of each dibit error (0: none) in `pairs` pairs."""
     came = sum(errors)
@@ -144,67 +131,22 @@ def outcome(errors: Sequence[int], pairs: int) -> Outcome:
     }
 
 
-def pauli_probabilities(values: Values) -> tuple[float, ...] | None:
-    """Return how likely I, X, Z and XZ are for pairs that arrive, None if more is going on."""
-    if not is_plain(values, "depolarizing", *PHASE_NOISE, "source_fidelity", *LOSSES, EFFICIENCY):
-        return None
-    p = theory.together(number(values, "depolarizing"), source_depolarizing(values))
-    indistinct = (1 - number(values, "analyser_visibility")) / 2
-    z = theory.either(number(values, "dephasing"), indistinct)
-    return theory.pauli_probabilities(p, z)
+def loss_db(v: Point) -> float:
+    return v.length_km * v.loss_db_per_km + v.connectors_db
 
 
-def source_depolarizing(values: Values) -> float:
-    """Return the depolarising that makes pairs as imperfect as the source's."""
-    return theory.of_fidelity(number(values, "source_fidelity"))
-
-
-def bit_error(values: Values) -> float | None:
-    likely = pauli_probabilities(values)
-    return None if likely is None else (likely[1] + likely[2]) / 2 + likely[3]
-
-
-def dibit_error(values: Values) -> float | None:
-    likely = pauli_probabilities(values)
-    return None if likely is None else 1 - likely[0]
-
-
-def capacity(values: Values) -> float | None:
-    likely = pauli_probabilities(values)
-    return None if likely is None else 2 - theory.entropy(likely)
-
-
-def arrived(values: Values) -> float | None:
-    """Return the theory of arrived: Pauli errors do not matter, two detectors do."""
-    if not is_plain(values, *PAULI_NOISE, *LOSSES, EFFICIENCY):
-        return None
-    return theory.transmission(loss_db(values)) * number(values, EFFICIENCY) ** 2
-
-
-def loss_db(values: Values) -> float:
-    length_km, loss_db_per_km, connectors_db = (number(values, name) for name in LOSSES)
-    return length_km * loss_db_per_km + connectors_db
-
-
-def residual_error(values: Values) -> float | None:
-    """Return the theory of residual_error: depolarising alone, as erased bits have none."""
-    if not is_plain(values, "depolarizing", "source_fidelity", "length_km"):
-        return None
-    p = theory.together(number(values, "depolarizing"), source_depolarizing(values))
-    return coding_theory.residual_error(str(values["fec"]), values["interleave"] == "on", p)
-
-
-SUPERDENSE = Experiment(
-    "sdc",
-    "superdense coding over one fibre",
-    (*LINK, RATE, FEC, INTERLEAVE, pairs_parameter()),
-    (
-        Measure("bit_error", "bit error", bit_error),
-        Measure("dibit_error", "dibit error", dibit_error),
-        Measure("capacity", "capacity (bits per pair)", capacity),
-        Measure("arrived", "part of the pairs that arrives", arrived),
-        Measure("residual_error", "bit error after decoding", residual_error, logarithmic=True),
-    ),
-    run,
-    implied,
-)
+def expected(v: Point) -> dict[str, float | None]:
+    """Return the theory of each measure, None where more is going on than it knows."""
+    found: dict[str, float | None] = dict.fromkeys(MEASURES)
+    p = theory.together(v.depolarizing, theory.of_fidelity(v.source_fidelity))
+    if is_plain(v, "depolarizing", *PHASE_NOISE, "source_fidelity", *LOSSES, EFFICIENCY):
+        z = theory.either(v.dephasing, (1 - v.analyser_visibility) / 2)
+        none, *wrong = likely = theory.pauli_probabilities(p, z)
+        found["bit_error"] = (wrong[0] + wrong[1]) / 2 + wrong[2]
+        found |= {"dibit_error": 1 - none, "capacity": 2 - theory.entropy(likely)}
+    if is_plain(v, *PAULI_NOISE, *LOSSES, EFFICIENCY):  # Pauli errors do not matter, detectors do
+        found["arrived"] = theory.transmission(loss_db(v)) * v.detectors_efficiency**2
+    if is_plain(v, "depolarizing", "source_fidelity", "length_km"):  # erased bits have none
+        interleaved = v["interleave"] == "on"
+        found["residual_error"] = coding_theory.residual_error(str(v["fec"]), interleaved, p)
+    return found

@@ -34,7 +34,7 @@ from wire.parameters.checks import remedy
 from wire.parameters.option import option
 
 if TYPE_CHECKING:
-    from evidence.curves.sheet import Sheet
+    from evidence.curves.sheets import Sheet
 
 
 PUBLISHED = "published"  # as a sheet's name: what papers state

@@ -9,11 +9,12 @@ from typing import Any
 from rich.console import Console
 
 from evidence.curves import theory
+from evidence.curves.catalogue import EXPERIMENTS
 from evidence.curves.estimates import Estimate, proportion
 from evidence.curves.experiment import Experiment, Measure, Outcome, SweepError, number
 from evidence.curves.link import FIBER, PRESET, implied
-from evidence.curves.parameters import Parameter, Values
-from evidence.curves.superdense import FEC, INTERLEAVE, LOSSES, RATE, loss_db
+from evidence.curves.parameters import Parameter, Point, Values
+from evidence.curves.superdense import LOSSES, loss_db
 from evidence.networks.point_network import (
     PLACES,
     RECEIVER,
@@ -39,6 +40,7 @@ from wire.results.figures import SentFigures
 
 # charlie's photon for alice passes two fibres to her and two more to bob, the other one two.
 FIBERS_PASSED = 6
+RATE, FEC, INTERLEAVE = map(EXPERIMENTS["sdc"].parameter, ("rate_hz", "fec", "interleave"))
 MESSAGE_BYTES = Parameter("message_bytes", 65_536, 1, 1 << 30)
 FRAME_BYTES = Parameter("frame_bytes", 32, 1, 65_536)
 CONTROL_KM = Parameter("control_km", 0.0, 0.0, MOST_KM, "km")
@@ -98,7 +100,7 @@ def dibit_error(values: Values) -> float | None:
 
 
 def arrived(values: Values) -> float | None:
-    return theory.transmission(FIBERS_PASSED * loss_db(values)) if is_known(values) else None
+    return theory.transmission(FIBERS_PASSED * loss_db(Point(values))) if is_known(values) else None
 
 
 def fiber_implied(given: Values) -> Values:

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from evidence.curves import decoy_states as paper
+from evidence.curves import bb84 as paper
 from evidence.curves import finite_keys, theory
 from evidence.curves.estimates import Estimate, proportion
 from evidence.labs import finite_reach
 from evidence.labs.lab import Chart, Finding, Lab, Published, PublishedRow, Runs
-from hosts.middleware.qkd.decoy import SHARES
+from hosts.middleware.qkd.decoy import SHARES, Decoys
 from hosts.middleware.qkd.key_length import binary_entropy
 
 PAPER = finite_reach.PAPER
@@ -53,7 +53,7 @@ def secret_error(distance_km: float, pulses: int) -> float:
     counts = np.zeros((2, 2, 3), np.int64)  # basis, wrong, level
     for level, (share, (each, wrong)) in enumerate(zip(SHARES, seen(distance_km), strict=True)):
         counts[:, :, level] = np.array([each - wrong, wrong]) * share * pulses / 4
-    return paper.key(paper.decoys_of({"mean_photons": MEANS[0]}), counts, pulses).error
+    return paper.decoy_key(Decoys(MEANS), counts, pulses).error
 
 
 def more() -> Estimate:

@@ -9,7 +9,7 @@ from rich.console import Console
 from evidence.curves.catalogue import EXPERIMENTS
 from evidence.curves.estimates import NOTHING, Estimate
 from evidence.curves.grid import Row
-from evidence.curves.sheet import Curve, Sheet
+from evidence.curves.sheets import Curve, Sheet
 from evidence.kinds.curves import furthest
 from evidence.labs.outcome import show
 

@@ -13,10 +13,11 @@ import pytest
 
 from controller_apps.policy.schedules import Queue
 from controller_apps.sessions.arbiter import Arbiter
+from evidence.curves.catalogue import EXPERIMENTS
 from evidence.curves.contention import FOR_EVER_S, PAIRS, address, trunk
 from evidence.curves.experiment import Outcome
-from evidence.curves.scheduling import SCHEDULE, away, network_of, requests, schedule
 from evidence.curves.scheduling import address as address_of
+from evidence.curves.scheduling import away, network_of, requests, schedule
 from evidence.traffic.counted import Asked, CountedTime, Fate
 from topologies.catalogue.maps import read_map
 
@@ -150,13 +151,13 @@ def test_the_controller_on_a_map_is_as_far_away_as_its_fibres_are_long() -> None
     _network, switches = network_of(read)
     away_s = away(read, switches)
     assert min(away_s.values()) == 0.0
-    asked = requests(
-        SCHEDULE.complete(quiet), [address_of(n) for n in switches.values()], Random(1)
-    )
+    values = EXPERIMENTS["schedule"].complete(quiet)
+    asked = requests(values, [address_of(n) for n in switches.values()], Random(1))
     ends_s = fmean(2 * (away_s[each.opener] + away_s[each.acceptor]) for each in asked)
     on = outcome(**quiet)
     assert ends_s < on["wait"].value < ends_s + 2 * max(away_s.values())
 
 
 def outcome(**given: float | str) -> Outcome:
-    return asyncio.run(schedule(SCHEDULE.complete({"map": "abilene", **given}), seed=1))
+    values = EXPERIMENTS["schedule"].complete({"map": "abilene", **given})
+    return asyncio.run(schedule(values, seed=1))

@@ -6,7 +6,7 @@ import pytest
 
 from evidence.curves import theory
 from evidence.curves.catalogue import EXPERIMENTS, measure
-from evidence.curves.seal import error
+from evidence.curves.entangled_keys import sealed_error
 from evidence.curves.wald import lengths, pairs_to_alarm, wald_pairs_to_alarm
 from hosts.middleware.services.sealing.sequential_test import Question
 
@@ -31,7 +31,8 @@ def test_wald_expects_less_by_what_the_last_step_goes_too_far(tapped: float) -> 
     """By one step up at most, of those that it takes (about 14 / 2), where alarms are sure."""
     values = EXPERIMENTS["seal"].complete({"tapped": tapped})
     enumerated, wald = (
-        expected(QUESTION, error(values)) for expected in (pairs_to_alarm, wald_pairs_to_alarm)
+        expected(QUESTION, sealed_error(values))
+        for expected in (pairs_to_alarm, wald_pairs_to_alarm)
     )
     _agreeing, differing = QUESTION.steps
     assert wald < enumerated < wald * (1 + differing / QUESTION.bounds[1])
@@ -42,7 +43,9 @@ def test_pairs_differ_as_often_as_noise_and_intruder_say() -> None:
     p, tapped = 0.02, 0.4
     values = EXPERIMENTS["seal"].complete({"tapped": tapped, "depolarizing": p})
     wrong_basis = tapped / 2
-    assert error(values) == pytest.approx((1 - wrong_basis) * p / 2 + wrong_basis / 2, abs=1e-12)
+    assert sealed_error(values) == pytest.approx(
+        (1 - wrong_basis) * p / 2 + wrong_basis / 2, abs=1e-12
+    )
     assert theory.bit_error(p) == p / 2
 
 
@@ -50,6 +53,6 @@ def test_alarms_come_when_theory_says() -> None:
     alarms = 60
     values = EXPERIMENTS["seal"].complete({"tapped": 0.5, "alarms": alarms})
     found, deviation = measure("seal", values, 7)["pairs"]
-    expected = pairs_to_alarm(QUESTION, error(values))
+    expected = pairs_to_alarm(QUESTION, sealed_error(values))
     assert abs(found - expected) < 5 * deviation
     assert deviation < expected / sqrt(alarms)

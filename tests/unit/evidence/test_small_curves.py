@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evidence.curves import pairs_made, relay_theory, theory
+from evidence.curves import relay_theory, theory
 from evidence.curves.catalogue import EXPERIMENTS, measure
 from evidence.curves.estimates import Estimate
 from evidence.curves.parameters import Value, Values
@@ -64,7 +64,7 @@ def test_what_is_enumerated_of_pairs_made_is_a_series_where_one_is_wanted() -> N
     """3 + 12/2^3 + 48/2^15 + 192/2^63 + ...: four times as much each time that nothing comes."""
     given: Values = {"wanted": 1, "sample": 0.0, "loss_db": 10 * log10(2), "requests": 300}
     values, told = EXPERIMENTS["pairs-made"].complete(given), 3 + 12 / 8 + 48 / 2**15
-    assert abs(pairs_made.expected(values) - told) < 1e-6
+    assert EXPERIMENTS["pairs-made"].measure("made").theory(values) == pytest.approx(told, abs=1e-6)
     found, error = measure("pairs-made", values, SEED)["made"]
     assert abs(found - told) < 5 * error
 

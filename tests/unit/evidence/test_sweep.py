@@ -12,7 +12,7 @@ from distributed import LocalCluster
 
 from evidence.curves import cluster, sheets, theory
 from evidence.curves.parameters import BadGrid
-from evidence.curves.sheet import Curve, Sheet
+from evidence.curves.sheets import Curve, Sheet
 from evidence.kinds import sweep
 from evidence.labs import rows as published
 from evidence.labs.lab import Published, PublishedRow

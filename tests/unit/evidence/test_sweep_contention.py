@@ -7,16 +7,17 @@ import asyncio
 
 import pytest
 
-from evidence.curves.contention import LIGHT, contend
+from evidence.curves.catalogue import EXPERIMENTS
+from evidence.curves.contention import contend
 from evidence.curves.experiment import Outcome
-from evidence.curves.parameters import Values
+from evidence.curves.parameters import Point
 from evidence.traffic.erlang import erlang_b, erlang_c, mean_wait
 
 SESSIONS = 1_600
 
 
-def measured(**given: float | str) -> tuple[Values, Outcome]:
-    values = LIGHT.complete({"sessions": SESSIONS, **given})
+def measured(**given: float | str) -> tuple[Point, Outcome]:
+    values = EXPERIMENTS["light"].complete({"sessions": SESSIONS, **given})
     return values, asyncio.run(contend(values, seed=1))
 
 
@@ -24,7 +25,7 @@ def measured(**given: float | str) -> tuple[Values, Outcome]:
 def test_a_trunk_of_three_fibres_is_taken_as_often_as_erlang_b_says(holding: str) -> None:
     values, outcome = measured(load=2.0, channels=3, holding=holding)
     wanted = (8 / 6) / (1 + 2 + 2 + 8 / 6)  # 2^3 / 3! over the sum of 2^n / n!
-    assert LIGHT.measure("blocked").theory(values) == pytest.approx(wanted)
+    assert EXPERIMENTS["light"].measure("blocked").theory(values) == pytest.approx(wanted)
     assert outcome["blocked"].agrees(wanted)
     assert not outcome["blocked"].agrees(erlang_b(2.0, 2))
     assert not outcome["blocked"].agrees(erlang_b(2.0, 4))
@@ -34,7 +35,7 @@ def test_a_trunk_of_three_fibres_is_taken_as_often_as_erlang_b_says(holding: str
 def test_wavelengths_of_one_fibre_are_taken_as_often_as_erlang_b_says() -> None:
     values, outcome = measured(load=2.0, channels=3, trunk="wavelengths")
     wanted = (8 / 6) / (1 + 2 + 2 + 8 / 6)
-    assert LIGHT.measure("blocked").theory(values) == pytest.approx(wanted)
+    assert EXPERIMENTS["light"].measure("blocked").theory(values) == pytest.approx(wanted)
     assert outcome["blocked"].agrees(wanted)
     assert not outcome["blocked"].agrees(erlang_b(2.0, 2))
     assert not outcome["blocked"].agrees(erlang_b(2.0, 4))
@@ -59,6 +60,6 @@ def test_in_the_queue_they_wait_as_often_and_as_long_as_erlang_c_says() -> None:
 
 def test_what_a_queue_cannot_carry_is_not_measured() -> None:
     values, outcome = measured(load=2.0, channels=2, contention="queue")
-    for measure in LIGHT.measures:
+    for measure in EXPERIMENTS["light"].measures:
         assert outcome[measure.name].value != outcome[measure.name].value  # NaN
         assert measure.theory(values) is None
