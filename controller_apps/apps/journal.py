@@ -88,13 +88,9 @@ class Journal:
         if not self.copied or note.asked is None:
             return {}
         seen, started = note.asked.seen, note.asked.started
-        after_ms = {
-            self._network.name_of(dpid): round((seen[dpid] - started) * 1000, 4)
-            if dpid in seen
-            else None
-            for dpid in switches(session.hops)
-        }
-        return {"copies_ms": after_ms}
+        after_ms = {dpid: round((moment - started) * 1000, 4) for dpid, moment in seen.items()}
+        way = switches(session.hops)
+        return {"copies_ms": {self._network.name_of(dpid): after_ms.get(dpid) for dpid in way}}
 
     def drop(self, drop: Drop) -> None:
         self.dropped[drop.cause] += 1
