@@ -12,7 +12,7 @@ from topologies.system.processes.programs import python
 
 
 def test_an_assigned_key_survives_a_restart_of_the_key_manager(tmp_path: Path) -> None:
-    with running(SdcTopo, tmp_path) as network:
+    with running(SdcTopo, tmp_path, contention="queue") as network:
         keep_keys(network)
         keys = Keys(network)
         wait_until(lambda: keys.stored() >= LOW, "keys of alice and charlie")

@@ -38,7 +38,8 @@ def test_the_controller_is_reached_over_its_own_copper_alone(tmp_path: Path) -> 
 
 
 def test_a_quantum_switch_that_is_cut_off_gets_no_paths_until_it_is_back() -> None:
-    with start("sdc") as network:
+    """In paced time: in stepped time bob's ten seconds pass before c0 notices the cut."""
+    with start("sdc", time="paced") as network:
         assert network.send("alice", "bob", b"one").data == b"one"
         network.net.configLinkStatus("c0", "q1", "down")
         with pytest.raises(TransferError, match="quantum switch"):
