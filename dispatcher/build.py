@@ -20,8 +20,8 @@ from dispatcher.layer.journal import Journal
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.memory import Memories
 from dispatcher.layer.network import Network, analyser_node
+from dispatcher.layer.news_delays import NewsDelays
 from dispatcher.layer.ownership import MAX_BLOCKS, Ownership
-from dispatcher.layer.software_time import SoftwareTime
 from dispatcher.recording.recorder import RecordedClock, Recorder, open_private
 from dispatcher.recording.traced import TracedSabot
 from dispatcher.recording.writer import QasmWriter
@@ -77,22 +77,22 @@ def build_layer(
     if unknown := config.devices.keys() - config.tokens.keys():
         raise BadConfig(f"devices of {', '.join(sorted(unknown))}: there are no such hosts")
     sabot, draws = sabot or Sabot(BACKENDS[config.backend]), Draws(config.seed)
-    software = SoftwareTime(config.news_s)
+    news = NewsDelays(config.news_s)
     return PhysicalLayer(
         clock=clock,
         sabot=sabot,
         draws=draws,
         network=Network(config.fibers, config.switches),
-        ownership=Ownership(clock.now_ns, software.longest_news_ns),
+        ownership=Ownership(clock.now_ns, news.longest_ns),
         history=_history(config, event_log, capture, writing_delay_s),
         devices=devices,
-        memories=Memories(devices, clock, sabot, draws, software),
+        memories=Memories(devices, clock, sabot, draws),
         max_live_qubits=config.max_live_qubits,
         share=equal_share(config, config.max_live_qubits, LEAST_SHARE),
         share_of_blocks=equal_share(config, MAX_BLOCKS, LEAST_BLOCKS),
         journal=journal or Journal(config.time),
         time=config.time,
-        software=software,
+        news=news,
     )
 
 

@@ -47,7 +47,8 @@ def translated(words: Sequence[str]) -> list[str]:
         if tuple(words[: len(old)]) == old and not _has_kind(words):
             today[: len(old)] = new
     if today[:1] and today[0] in WITH_NETWORK:
-        today = _with_parameters([new for word in today for new in OPTIONS.get(word, (word,))])
+        today = _with_pace([new for word in today for new in OPTIONS.get(word, (word,))])
+        today = _with_parameters(today)
     if today != [*words]:
         print(
             f"note: these words are old; the new ones: {shlex.join(['qmn', *today])}",
@@ -65,6 +66,19 @@ def _has_kind(words: Sequence[str]) -> bool:
         return True
     # No lab of ours is as much like a kind; a host may be called host1.
     return bool(get_close_matches(words[1], kinds - {"host"}, 1, 0.75))
+
+
+def _with_pace(words: Sequence[str]) -> list[str]:
+    """Name the pace of time by --time; it is stepped where a scale was chosen automatically."""
+    rest = iter(words)
+    kept: list[str] = []
+    for word in rest:
+        flag, equals, value = word.partition("=")
+        if flag != "--time-scale":
+            kept.append(word)
+        elif (scale := value if equals else next(rest, "")) != "auto":
+            kept += ["--time", f"paced={scale}"]
+    return kept
 
 
 def _with_parameters(words: Sequence[str]) -> list[str]:

@@ -65,6 +65,3 @@ LIVE_ACT_S = 60.0  # for a command that a page asks for
 LIVE_START_S = 60.0  # until the page of a run can be opened
 LIVE_NEWEST_S = 0.15  # for what the dispatcher still gathers when a page is to end
 LIVE_LAST_S = 1.0  # for the last words to those who read
-# Of a packet and its answer, by the wall, where a time scale is chosen. TCP's timers are the
-# kernel's: it sends a handshake again after 1, 3, 7, 15 and 31 s, and gives up after two minutes.
-MOST_ROUND_TRIP_S = 30.0

@@ -33,7 +33,6 @@ from qmn.network.checks import FROM_TO, check_network, check_two_hosts
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.felt_settings import checked_settings, everything, felt_by
 from qmn.network.light_checks import check_light
-from qmn.network.time_scale import REAL
 from qmn.options import BadInput, check_ranges
 from qmn.results import result
 from qmn.results.run_folder import begin_folder
@@ -56,7 +55,7 @@ NEEDED = {  # programs, and the Debian packages that have them
     ),
     TLS: (("openssl", "setpriv"), "openssl util-linux"),
 }
-# Timers that are not ours, which `--time-scale` does not slow down.
+# Timers that are not ours, which `--time paced=K` does not slow down.
 OWN_TIMERS = {
     WIREGUARD: "WireGuard's (a handshake again after 5 s, other keys after 120 s) and TCP's",
     STRONGSWAN: "IKE's (a message again after 4 s and more, other keys after an hour) and TCP's",
@@ -149,7 +148,7 @@ def use_network(
     context.console.print(
         f"{request.program} between {ends[0]} and {ends[1]}, a new key every {request.rotate:g} s"
     )
-    if network.runtime.time.scale != REAL:
+    if network.runtime.time.scale != 1.0:
         context.console.print(
             f"timers on the wall clock: {OWN_TIMERS[request.program]}", soft_wrap=True
         )

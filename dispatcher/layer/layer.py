@@ -13,15 +13,14 @@ from dispatcher.layer.history import History
 from dispatcher.layer.journal import Journal, asked_ns
 from dispatcher.layer.memory import Memories
 from dispatcher.layer.network import Network
+from dispatcher.layer.news_delays import NewsDelays
 from dispatcher.layer.ownership import MAX_BLOCKS, Block, BlockName, Ownership
-from dispatcher.layer.software_time import SoftwareTime
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.simulation import Simulation
 from wire.dispatcher_pb2 import BlockId, Event, Feedback, HeldBlock
 from wire.network_time import REAL_TIME, NetworkTime
 
 FIRST_PHOTONS = 20  # that an event of the first block describes one by one
-NEWS = ("measure", "bell-measure")  # of which a host may have to hear before it goes on
 
 
 @dataclass
@@ -43,7 +42,7 @@ class PhysicalLayer:
     photons_lost_waiting: int = 0  # of these, in delay lines of analysers
     journal: Journal = field(default_factory=Journal)
     time: NetworkTime = REAL_TIME
-    software: SoftwareTime = field(default_factory=SoftwareTime)
+    news: NewsDelays = field(default_factory=NewsDelays)
     approximations: Approximations = EXACT  # of all that was reported
 
     def record(
@@ -62,8 +61,6 @@ class PhysicalLayer:
         """
         event = Event(node=node, kind=kind, port=port, detail=detail)
         happened_ns = time_ns or self.clock.now_ns()
-        if kind in NEWS:
-            self.software.news(node, happened_ns)
         event.time_ns = self.time.wall_ns(happened_ns)
         if block is not None:
             event.block.CopyFrom(block_id(block.name))

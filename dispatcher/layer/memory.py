@@ -24,7 +24,6 @@ from dispatcher.devices.decay import Each, Waits
 from dispatcher.devices.hardware import Devices
 from dispatcher.layer import cutoff, decoherence, device_noise, drift, herald, pulses
 from dispatcher.layer.ownership import Block
-from dispatcher.layer.software_time import SoftwareTime
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import exhausted
 from dispatcher.sabot.draws import Draws
@@ -41,10 +40,7 @@ class Memories:
         clock: Clock,
         sabot: Simulation,
         draws: Draws,
-        software: SoftwareTime,
     ) -> None:
-        """Begin with empty ones; tell of each wait how long it was."""
-        self._software = software
         self._devices, self._clock = devices, clock
         self._sabot, self._draws = sabot, draws
         self._stored: dict[str, dict[Block, int]] = {}  # qubits of each block, by node
@@ -180,7 +176,6 @@ class Memories:
         waits = _waits(block, start_ns, interval_ns)
         old = cutoff.drop(self._sabot, block, start_ns, interval_ns)
         memory = self._devices.of(block.node).memory
-        self._software.waited(block.node, block.start_ns, start_ns, memory.decays)
         drift.twirl_turn(block, self._sabot, self._draws)
         decoherence.damp(self._sabot, self._draws, block, memory, waits)
         cutoff.remember(block)

@@ -263,7 +263,6 @@ class Flight:
         beam.delay_ps += line.delay_ps
         beam.fibers_passed += 1
         time_ns = self._departure.last_ns + nanoseconds(beam.delay_ps)
-        self._layer.software.goes_on(self._departure.start_ns, time_ns)
         heapq.heappush(self._queue, (time_ns, next(self._number), line, beam))
 
     def _pass(self, beam: Beam, line: Line) -> None:

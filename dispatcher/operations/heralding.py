@@ -95,7 +95,7 @@ class Heralding:
             link = self._link(node, offers, paths)
             self._require_capacity(offers, request.count)
         except Refusal:
-            news_ns = layer.clock.now_ns() + layer.software.farthest_news_ns(node)
+            news_ns = layer.clock.now_ns() + layer.news.farthest_ns(node)
             await layer.clock.wait_until(news_ns)
             raise
         for name, offer in zip(names, offers, strict=True):
@@ -103,9 +103,6 @@ class Heralding:
         rounds = max(round(limit_s * 1e9) // link.period_ns, 1)
         drawing = Drawing(layer, node, link, names)
         heralded, used = await drawing.draw(request.count, rounds)
-        for offer in offers:
-            now_ns = layer.clock.now_ns()
-            layer.software.light(offer.end.node, link.start_ns, node, now_ns)
         block = self._keep(node, link, names, offers, heralded) if heralded.count else None
         detail = (
             f"{tally(heralded.bell_states, BELL_STATES)} of {used * link.modes} attempts".strip()
@@ -221,7 +218,7 @@ class Heralding:
     def _news_ns(self, node: str, path: StationWay, host: str) -> int:
         """Return when a host can hear of what a node has just found: by light, or copper."""
         layer = self._layer
-        copper_ns = layer.software.news_from_ns(node, host)
+        copper_ns = layer.news.from_ns(node, host)
         delay_ns = path.delay_ns if copper_ns is None else min(path.delay_ns, copper_ns)
         return layer.clock.now_ns() + max(delay_ns - 1, 0)  # what is rounded up is not late
 

@@ -208,7 +208,6 @@ class Switching:
                 requested[in_port], circuits[in_port] = out_port, connection.circuit
         now_ns = layer.clock.now_ns()
         ready_ns, opened, closed = switch.timeline.connect(requested, now_ns, circuits)
-        layer.software.switches(now_ns, ready_ns)
         self._connected(switch.name, set(switch.timeline.connections.values()))
         wall_ns = layer.time.wall_ns
         changes = (("close", closed, wall_ns(now_ns)), ("open", opened, wall_ns(ready_ns)))

@@ -70,7 +70,6 @@ class Transport:
         layer.mark(feedback, blocks)
         for path in zip(blocks, ends, departures, strict=True):
             self._launch(*path)
-        layer.software.light(node, start_ns, node, feedback.last_ns)
         # A caller that goes away cancels this wait; its photons fly on.
         await layer.clock.wait_until(feedback.last_ns)
         feedback.time_ns = layer.clock.now_ns()
@@ -147,8 +146,6 @@ class Transport:
         left, landed = True, False
         while left and (arrival := await flight.next_arrival(layer.clock)):
             self._land(arrival.block, arrival)
-            last_ns = arrival.block.last_ns
-            layer.software.light(end.node, flight.start_ns, arrival.end.node, last_ns)
             left, landed = flight.has_light, True
         layer.photons_lost += flight.lost
         for dark in flight.give_up():

@@ -343,7 +343,6 @@ class Service(DispatcherServicer):
                 messages.Approximation(name=name, most=most)
                 for name, most in self.layer.approximations.sizes.items()
             ],
-            software=self.layer.software.message(),
         )
 
     @call

@@ -14,14 +14,13 @@ from qmn.machines.options import machine_facts, machines_of
 from qmn.network.custom_topology import BadTopology
 from qmn.network.description import NetworkDescription
 from qmn.network.options import settings
-from qmn.network.time_scale import Pace
 from qmn.options import BadInput
 from qmn.requests.request import Request
 from qmn.requests.run_options import RunOptions
+from qmn.results.pace_row import note_pace, time_text
 from qmn.results.result import network_facts, note_files
 from qmn.results.run_folder import give_to_invoker, given_at_the_end, lasting
 from qmn.results.run_result import RunResult
-from qmn.results.software_share import note_pace, note_software, time_text
 from qmn.results.timeline import timeline_of_run
 from qmn.running.dispatcher_calls import status
 from qmn.running.metrics_targets import announce
@@ -166,13 +165,13 @@ def _running(
                 yield network
             except TransferError:  # the network lasts: a service has failed, or given no key
                 with suppress(NetworkError):  # which would hide the cause
-                    _note_light(facts, network, pace)
+                    _note_light(facts, network)
                 raise
-        _note_light(facts, network, pace)
+        _note_light(facts, network)
     note_files(facts, network)
 
 
-def _note_light(facts: RunResult, network: Network, pace: Pace) -> None:
+def _note_light(facts: RunResult, network: Network) -> None:
     reached = status(network)
     facts.exact = reached.exact
     facts.approximations = [Approximated(each.name, each.most) for each in reached.approximations]
@@ -180,7 +179,6 @@ def _note_light(facts: RunResult, network: Network, pace: Pace) -> None:
     facts.photons_lost_waiting = reached.photons_lost_waiting
     early = worst(network.runtime)
     facts.acausal = EarlyNews(*early) if early else None
-    note_software(facts, reached.software, network.runtime.devices.values(), pace)
 
 
 @dataclass

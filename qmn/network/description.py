@@ -15,15 +15,14 @@ from qmn.network.custom_topology import BadTopology, is_custom
 from qmn.network.options import MAP, NetworkOptions
 from qmn.network.pace import against_steps, pace_of
 from qmn.network.part_options import PartOptions, set_device
-from qmn.network.time_scale import AUTO, Pace, scale_of
+from qmn.network.time_scale import Pace
 from qmn.network.topologies import builder
 from topologies.catalogue.map_parts import spelling
 from topologies.catalogue.presets import preset
 from topologies.description.content import content_of
 from topologies.description.description import Description, describe
 from topologies.fabric import fiber_of
-from topologies.links.copper_lengths import assign_copper_lengths, longest_way_s
-from topologies.links.copper_link import delay_s
+from topologies.links.copper_lengths import assign_copper_lengths
 from topologies.links.fiber import resolved
 from wire.parameters.fiber import FiberOptics, optics
 from wire.parameters.physics import Device
@@ -76,10 +75,8 @@ class NetworkDescription:
 
     def paced_for(self, *reasons: str) -> "NetworkDescription":
         """Return the network with paced time for these reasons; raise BadInput if it is to step."""
-        if self.pace.stepped:
-            return replace(
-                self, pace=pace_of(self.options, replace(self.pace, stepped=False), reasons)
-            )
+        if self.pace.stepped and reasons:
+            return replace(self, pace=pace_of(self.options, reasons))
         return self
 
     def build(self) -> Topo:
@@ -120,25 +117,16 @@ def _described(
     words.set_parts(content)
     assign_copper_lengths(topo)
     parts = describe(content)
-    paced = scale_of(options.time_scale, parts, round_trip_s(topo, options))
     own = every is None or is_custom(options.topology)
     named = {host: parts.hosts[host] for host in words.named_hosts}
     return NetworkDescription(
         options,
         topo,
         parts,
-        pace_of(options, paced, against_steps(options, content)),
+        pace_of(options, against_steps(options, content)),
         None if own or options.topology == MAP else every,
         parts.hosts if own else {"every": words.base_device, **named},
     )
-
-
-def round_trip_s(topo: Topo, options: NetworkOptions) -> float:
-    """Return how long a packet and its answer take at most; 0 where nobody asks."""
-    if options.time_scale != AUTO:
-        return 0.0
-    assign_copper_lengths(topo, options.copper_km, options.copper_mbps)
-    return 2 * max(longest_way_s(topo), delay_s(options.control_km or 0.0))
 
 
 def part_options(options: NetworkOptions) -> PartOptions:

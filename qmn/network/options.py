@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from qmn.network.time_scale import AUTO, PACED, REAL, STEPPED, Pace, pace, scale
+from qmn.network.time_scale import PACED, STEPPED, Pace, time_mode
 from topologies.catalogue.node_kinds import NODE_KINDS
 from topologies.catalogue.presets import PRESETS
 from topologies.system.runs.runtime import Runtime
@@ -93,17 +93,9 @@ class TimeOptions:
     time: str | None = option(
         None,
         f"{STEPPED}: it stands while software runs; {PACED}: by the wall; {PACED}=K: a second of "
-        f"the network takes K seconds here, {AUTO} as many as it needs ({STEPPED} where time can "
-        "be; docs/time.md)",
+        f"the network takes K seconds here ({STEPPED} where it can be; docs/time.md)",
         metavar="MODE",
-        parse=pace,
-        recorded=False,
-    )
-    time_scale: float | str = option(
-        REAL,
-        f"the older word for --time {PACED}=K",
-        metavar="K",
-        parse=scale,
+        parse=time_mode,
         recorded=False,
     )
 
@@ -115,14 +107,9 @@ class NetworkOptions(ShapeOptions, LightOptions, TimeOptions, NetworkSettings):
     topology: str = ""  # its name, or FILE.py:CLASS; empty: a script's own
 
     def __post_init__(self) -> None:
-        """Take the topology of maps if a map is named, but no topology; take the time apart."""
+        """Take the topology of maps if a map is named, but no topology."""
         if self.map is not None and not self.topology:
             object.__setattr__(self, "topology", MAP)
-        mode, equals, named = (self.time or "").partition("=")
-        if equals:
-            object.__setattr__(self, "time_scale", scale(named))
-        if equals or (not mode and self.time_scale != REAL):
-            object.__setattr__(self, "time", mode or PACED)
 
 
 KEYS = ("keys",)  # the options of networks over which keys may be distributed

@@ -1,39 +1,36 @@
 """The choice of how a network's time passes: stepped, unless something in it goes by the wall."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 
 from qmn.network.options import NetworkOptions
-from qmn.network.time_scale import PACED, REAL, STEPPED, Pace
+from qmn.network.time_scale import STEPPED, Pace
 from qmn.options import BadInput
 from topologies.description.content import Content
 
 DELAYS = ("controller_delay", "host_delay", "switch_agent_delay")
 
 
-def pace_of(options: NetworkOptions, paced: Pace, reasons: Iterable[str]) -> Pace:
-    """Return how time passes; `paced` is how it passes if it is not stepped.
+def pace_of(options: NetworkOptions, reasons: Iterable[str]) -> Pace:
+    """Return how time passes; `reasons` are against steps.
 
-    Raise BadInput for stepped time if there is a reason against it, and for paced time if an
-    option is of stepped time.
+    Raise BadInput for stepped time if there is one, and for paced time if an option is of stepped
+    time.
     """
-    reason = next(iter(reasons), "")
-    if options.time == STEPPED and reason:
+    reason, pace = next(iter(reasons), ""), Pace.of(options.time)
+    if options.time and pace.stepped and reason:
         raise BadInput(f"--time {STEPPED}: {reason}; leave it out")
-    if options.time != PACED and not reason:
-        return replace(paced, stepped=True)
+    if pace.stepped and not reason:
+        return pace
     for name in DELAYS:
         if getattr(options, name):
-            remedy = f"here {reason}" if reason else f"leave --time {PACED} out"
+            remedy = f"here {reason}" if pace.stepped else f"leave --time {options.time} out"
             flag = f"--{name.replace('_', '-')}"
             raise BadInput(f"{flag} is exact in stepped time alone: {remedy}")
-    return replace(paced, reason=paced.reason or ("" if options.time else reason))
+    return Pace(False, reason=reason) if pace.stepped else pace
 
 
 def against_steps(options: NetworkOptions, content: Content) -> Iterator[str]:
     """Yield why a network cannot be stepped: the gate cannot see it, or the wall paces it."""
-    if options.time_scale != REAL:
-        yield "--time-scale is of paced time"
     if options.control_loss:
         yield "TCP repeats by the wall what --control-loss loses"
     if options.sabot:

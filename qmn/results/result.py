@@ -7,8 +7,9 @@ from typing import Any
 
 from rich.console import Console
 
+from qmn.network.time_scale import PACED
 from qmn.printable_text import printable
-from qmn.results import service_result, software_share
+from qmn.results import pace_row, service_result
 from qmn.results.run_result import NetworkResult, RunResult
 from qmn.results.service_result import RECEIVED as RECEIVED
 from topologies.links.fiber import FiberLink
@@ -37,7 +38,8 @@ def complete(facts: RunResult, folder: Path) -> None:
         facts.delivered = facts.job.message.arrived
     figures = vars(facts.asking)
     facts.elapsed_s = figures.get("elapsed_s", facts.elapsed_s)
-    facts.emulation = emulation(figures, facts.elapsed_s, facts.time_scale)
+    if facts.time == PACED:
+        facts.emulation = emulation(figures, facts.elapsed_s, facts.time_scale)
     note_controller(facts, read_record(folder))
     facts.write(folder)
 
@@ -192,7 +194,7 @@ def rows_of_every_run(facts: RunResult, folder: Path, report: str) -> dict[str, 
         **({} if facts.copies is None else {"set-ups at switches": str(facts.copies)}),
         **watched_light(facts.watched),
         **lost_waiting(facts),
-        **software_share.rows(facts),
+        **pace_row.rows(facts),
         "quantum states": f"{facts.backend}, {EXACTNESS[facts.exact]}",
         **approximations(facts),
         "captures": captures(facts, folder),

@@ -31,7 +31,6 @@ from wire.results.run_result import (
     ServiceJob,
     Sessions,
     SetUpTimes,
-    ShortestTime,
     SwitchCopies,
     WatchedLight,
 )
@@ -60,16 +59,8 @@ class NetworkResult:
     gnmi: dict[str, str] = field(default_factory=dict)  # quantum switch to address
     time: str = PACED  # or stepped
     time_scale: float | None = None  # seconds here for one of the network; None: it did not start
-    time_scale_because: str | None = None
+    time_because: str | None = None  # why it is paced by default
     acausal: EarlyNews | None = None  # what can outrun light most; None: nothing can
-    software_share: float | None = None  # of the wait in memory of which it was the largest part
-    software_s: float | None = None
-    software_share_of_run: float | None = None
-    dominated_by_software: bool = False
-    shortest_time: ShortestTime | None = None
-    software_of_shortest: float | None = None  # software_s as a share of it
-    # Whether that is less than `auto` means; None: nothing waited, or no auto.
-    time_scale_kept: bool | None = None
 
     @property
     def settings(self) -> NetworkSettings:

@@ -21,10 +21,9 @@ from qmn.network.options import NetworkOptions, settings
 from qmn.network.topologies import KNOWN, PARAMETERS, is_known
 from qmn.options import BadInput, from_keywords
 from qmn.results.artifacts import artifacts_of
+from qmn.results.pace_row import note_pace
 from qmn.results.result import network_facts, note_files
 from qmn.results.run_folder import given_at_the_end
-from qmn.results.software_share import note_pace, note_software
-from qmn.running.dispatcher_calls import status
 from qmn.running.metrics_targets import announce
 from qmn.running.network import announce_network
 from qmn.scripting.network import QuantumNetwork
@@ -112,8 +111,6 @@ def running(
                 if folder is not None and options.metrics:
                     facts.metrics = announce(runtime.metrics_addresses, folder)
                 yield network
-                software = status(network).software
-                note_software(facts, software, network.runtime.devices.values(), pace)
         finally:
             note_files(facts, network)
 

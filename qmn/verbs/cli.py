@@ -23,7 +23,7 @@ from qmn.network.topologies import TakeTopology, described_topologies, topology
 from qmn.options import BadInput, add_options, read
 from qmn.registered import PROGRAMS, registered
 from qmn.requests.run_options import CAPTURES, LiveOptions
-from qmn.results import schema, software_share
+from qmn.results import pace_row, schema
 from qmn.results.run_folder import begin_folder, give_to_invoker
 from qmn.running.metrics_targets import urls
 from qmn.scripting import QuantumNetwork, running
@@ -111,7 +111,7 @@ def start_and_obey(
             start_beside(network, [start for start in starts if start is not None])
             with live_view(extras.live, folder):
                 status = obey(network)
-        for name, text in software_share.rows(schema.read_left(folder)).items():
+        for name, text in pace_row.rows(schema.read_left(folder)).items():
             print(f"{name}: {text}")
         return status
     finally:

@@ -155,10 +155,6 @@ CASES: dict[str, tuple[list[str], Callable[[Flat], bool]]] = {
         ["--time", "paced=3"],
         lambda told: {v for path, v in told.items() if path.endswith("time_scale")} == {3.0},
     ),
-    "time_scale": (
-        ["--time-scale", "3"],
-        lambda told: {v for path, v in told.items() if path.endswith("time_scale")} == {3.0},
-    ),
     "channels": (
         ["--channels", "2"],
         lambda told: [*numbered(told, "dispatcher.fibers", "channel")] == [1, 2] * 5,

@@ -26,7 +26,7 @@ def test_a_cutoff_of_the_controllers_keeps_the_fidelity_up(tmp_path: Path) -> No
     policy.write_text(POLICY)
     words = ["distribute", "--count", "10", "--sample", "0.5", "--fidelity", "0.62"]
     words += ["--purification", "none", "--rate-hz", "1000", "--block-pairs", "400"]
-    words += ["--time-scale", "10", "--policy", str(policy)]
+    words += ["--time", "paced=10", "--policy", str(policy)]
     for host in ("alice", "bob"):
         words += ["--device", f"{host}.memory.t2_s={T2_S}"]
     asking = result_of(tmp_path, *words)["job"]["asking"]

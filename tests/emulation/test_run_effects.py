@@ -189,7 +189,7 @@ def test_a_request_for_12_pairs_makes_those_and_a_sample(tmp_path: Path) -> None
 def test_what_pairs_are_when_they_are_handed_over_is_told(tmp_path: Path) -> None:
     """Of coherence c = 2 F - 1 at their sample exp(-2 t / T2) is left at both ends."""
     t2_s = 0.5
-    words = ["distribute", "--count", "2000", "--sample", "0.5", "--time-scale", "5"]
+    words = ["distribute", "--count", "2000", "--sample", "0.5", "--time", "paced=5"]
     words += devices(alice__memory__t2_s=t2_s, bob__memory__t2_s=t2_s)
     asking = result_of(tmp_path, *words)["job"]["asking"]
     coherence = (2 * asking["fidelity"] - 1) * exp(-2 * asking["fidelity_age_s"] / t2_s)

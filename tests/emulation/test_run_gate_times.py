@@ -18,7 +18,7 @@ def fidelity(wait_s: float) -> float:
 
 @pytest.mark.nightly
 def test_ends_decohere_while_a_repeater_swaps(tmp_path: Path) -> None:
-    words = ["swap", "--count", "300", "--sample", "0.8", "--time-scale", str(SCALE)]
+    words = ["swap", "--count", "300", "--sample", "0.8", "--time", f"paced={SCALE}"]
     told = {
         "r1.analyser.kind": "gates",
         "r1.gates.two_qubit_s": GATE_S,

@@ -65,7 +65,7 @@ def test_blocks_of_a_heralded_chain_follow_each_other(
     """alice attempts for the second block before she measures the sample of the first one."""
     hosts = [*emitters("alice", "r1", "bob"), "--device", f"r1.memory.capacity={capacity}"]
     words = [*CHAIN, *hosts, "--length-km", "20"]
-    words += ["--block-pairs", str(BLOCK), "--time-scale", "100"]
+    words += ["--block-pairs", str(BLOCK), "--time", "paced=100"]
     told = result_of(tmp_path, *words)
     require_estimate(told["job"]["asking"], OF_A_LINK**2, 0.0)
     lines = [

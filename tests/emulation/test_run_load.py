@@ -52,7 +52,7 @@ def test_light_is_handed_out_in_slots_and_none_is_given_too_late(tmp_path: Path)
         "--captures",
         "none",
     ]
-    words += ["--from", SIDES[0], "--to", SIDES[1], "--time-scale", "12"]  # quick software
+    words += ["--from", SIDES[0], "--to", SIDES[1], "--time", "paced=12"]  # quick software
     done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=PROGRAM_S)
     assert done.returncode == 0, done.stdout + done.stderr
     load = json.loads((tmp_path / "latest" / "result.json").read_text())["job"]["load"]

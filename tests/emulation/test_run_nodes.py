@@ -106,7 +106,7 @@ def test_spins_that_emit_take_in_no_light_of_another_source(tmp_path: Path) -> N
 def test_heralds_for_ion_traps_come_the_slower_the_longer_the_fibres(tmp_path: Path) -> None:
     """Two clicks: an attempt is heralded with eta^2 / 2, and takes a round trip to the station."""
     length_km, count = 100.0, 4
-    words = ["--node", "ion-trap", "--node", "charlie=station", "--time-scale", "1"]
+    words = ["--node", "ion-trap", "--node", "charlie=station", "--time", "paced"]
     words += ["--length-km", str(length_km / 2), "--loss-db-per-km", "0", "--sample", "0"]
     words += ["--switch", "insertion_loss_db=0", "--count", str(count)]
     alice = result_of(tmp_path, "distribute", *words)["job"]["asking"]

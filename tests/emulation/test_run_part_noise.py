@@ -20,7 +20,7 @@ def test_a_memory_ages_as_the_example_says(tmp_path: Path) -> None:
     """
     words = ["distribute", "--rate-hz", str(RATE_HZ), "--count", "300", "--sample", "0.8"]
     words += ["--device", "bob.memory.noise=docs/noise-models/ageing.py:Ageing"]
-    words += ["--time-scale", "10"]
+    words += ["--time", "paced=10"]
     words += ["--device", f'bob.memory.noise_parameters={{"time_s": {T_S}}}']
     asking = result_of(tmp_path, *words)["job"]["asking"]
     pairs = asking["emitted"]

@@ -34,7 +34,7 @@ def test_blocks_follow_each_other_where_memories_take_them_and_their_waits_cost_
 ) -> None:
     words = ["--topology", "repeaters,4", "--length-km", "100", "--loss-db-per-km", "0"]
     words += ["--count", "500", "--sample", "0.8", "--block-pairs", str(BLOCK)]
-    words += ["--time-scale", str(scale), f"--device=r2.memory.capacity={capacity}"]
+    words += ["--time", f"paced={scale}", f"--device=r2.memory.capacity={capacity}"]
     words += [f"--device={node}.memory.t2_s={T2_S}" for node in NODES]
     for turn in range(TURNS):
         result = run(tmp_path / str(turn), *words)

@@ -161,7 +161,7 @@ def test_an_empty_file_arrives(tmp_path: Path) -> None:
 def test_a_message_tells_how_long_it_took_in_the_network(tmp_path: Path) -> None:
     """200 pairs of a source of 1000 a second: a fifth of a second, which takes four here."""
     message, scale, since_s = "x" * 50, 20, time.monotonic()
-    words = ("--rate-hz", "1000", "--time-scale", str(scale))
+    words = ("--rate-hz", "1000", "--time", f"paced={scale}")
     result = run(tmp_path, "--message", message, *words)
     wall_s = time.monotonic() - since_s
     assert 0.2 <= result["elapsed_s"] <= wall_s / scale

@@ -156,7 +156,7 @@ def test_the_tunnel_closes_while_eve_listens_and_the_file_arrives(
         str(tmp_path / "runs"),
     ]
     # A session and the pause before it, seconds of a busy machine, have to fit into her stay.
-    words += ["--eve", "0.6", "--at", "2", "--until", "8", "--time-scale", str(scale)]
+    words += ["--eve", "0.6", "--at", "2", "--until", "8", "--time", f"paced={scale}"]
     done = run_qmn("run", "vpn", *words, timeout_s=PROGRAM_S)
     assert done.returncode == 0, done.stdout + done.stderr
     assert ("timers on the wall clock: WireGuard's" in done.stdout) == (scale != 1)

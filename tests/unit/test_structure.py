@@ -263,7 +263,6 @@ NOT_WAITS = {
     "evidence/attacks/frames.py": {"TTL_S"},
     "evidence/networks/control.py": {"WAITED_S"},
     "qmn/jobs/superdense.py": {"TELL_ESTIMATE_ABOVE_S"},
-    "qmn/network/time_scale.py": {"SOFTWARE_S"},
     "applications/keys/request.py": {"MOST_S"},
     "applications/vpn/request.py": {"DEFAULT_S"},
     "evidence/curves/contention.py": {"FOR_EVER_S"},

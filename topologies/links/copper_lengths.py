@@ -14,7 +14,7 @@ from typing import Any
 from mininet.topo import Topo
 
 from programs.shortest_paths import Distances, shortest
-from topologies.links.copper_link import CopperLink, delay_s
+from topologies.links.copper_link import CopperLink
 from topologies.links.fiber import FiberLink
 from wire.parameters.fiber import FiberOptics
 
@@ -46,17 +46,6 @@ def assign_copper_lengths(
             if places[near] not in reached:
                 reached[places[near]] = shortest(fibers, places[near])
             info["length_km"] = reached[places[near]].get(places[far], 0.0)
-
-
-def longest_way_s(topo: Topo) -> float:
-    """Return how long a packet takes between the two nodes that are farthest from each other.
-
-    Call `assign_copper_lengths` before.
-    """
-    ways: defaultdict[str, dict[str, float]] = defaultdict(dict)
-    for one, other, info in copper_of(topo):
-        ways[one][other] = ways[other][one] = delay_s(info.get("length_km", 0.0))
-    return max((max(shortest(ways, node).values()) for node in ways), default=0.0)
 
 
 def fibers_of(topo: Topo) -> Distances:

@@ -198,10 +198,9 @@ def _fibers(run: RunFacts) -> str:
 def _parameters(result: RunResult) -> str:
     names = ("seed", "service", "topology", "controller", "backend", "exact", "mode")
     of_time = (
+        "time",
         "time_scale",
-        "software_share",
-        "dominated_by_software",
-        "time_scale_kept",
+        "time_because",
         "acausal",
     )
     rows = [[name, _cell(getattr(result, name))] for name in (*names, *of_time)]

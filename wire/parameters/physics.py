@@ -211,14 +211,9 @@ class Memory:
         return self.herald_efficiency == 1 and not self.false_herald
 
     @property
-    def decays(self) -> bool:
-        """Whether waiting changes what it keeps."""
-        return self.shortest_s < math.inf
-
-    @property
     def keeps(self) -> bool:
         """Whether what has been in it comes out as it was."""
-        return self.efficiency == 1 and not self.decays
+        return self.efficiency == 1 and self.shortest_s == math.inf
 
     @property
     def shortest_s(self) -> float:

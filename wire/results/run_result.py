@@ -114,14 +114,6 @@ class Approximated:
 
 
 @dataclass(frozen=True)
-class ShortestTime:
-    """The shortest time of the network in which something happens to light."""
-
-    name: str
-    s: float
-
-
-@dataclass(frozen=True)
 class MachineFacts:
     """A machine beside the first, m1."""
 

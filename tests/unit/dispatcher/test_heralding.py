@@ -27,8 +27,8 @@ from dispatcher.devices.heralding import (
     two_click,
 )
 from dispatcher.laboratory import SESSION, Laboratory, LaboratoryHost
+from dispatcher.layer.news_delays import NewsDelays
 from dispatcher.layer.ownership import BlockName
-from dispatcher.layer.software_time import SoftwareTime
 from dispatcher.refusal import Refusal
 from wire.config import BadConfig, DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import DiscardRequest, MeasureRequest
@@ -776,7 +776,7 @@ def test_a_station_hears_of_a_path_that_is_not_there_when_news_can_be_here() -> 
     news_s = {name: {"s1": delay_s} for name, delay_s in copper_s.items()} | {"s1": copper_s}
 
     async def act(laboratory: Laboratory) -> None:
-        laboratory.layer.software = SoftwareTime(news_s)
+        laboratory.layer.news = NewsDelays(news_s)
         await attempts_of(laboratory.host("alice"))
         await attempts_of(laboratory.host("bob"))
         await laboratory.connect("q1", {1: 3})
@@ -798,7 +798,7 @@ def test_no_host_finds_a_heralded_pair_before_news_of_it_can_be_there(
 
     async def act(laboratory: Laboratory) -> None:
         if copper_s is not None:
-            laboratory.layer.software = SoftwareTime({"alice": {"charlie": copper_s}})
+            laboratory.layer.news = NewsDelays({"alice": {"charlie": copper_s}})
         layer, clock = laboratory.layer, laboratory.clock
         bell_states, jump = asyncio.Event(), clock.wait_until
 

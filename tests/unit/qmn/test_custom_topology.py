@@ -10,7 +10,6 @@ from qmn.jobs.counted_service import checked
 from qmn.network.custom_topology import BadTopology
 from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
-from qmn.network.time_scale import times
 from qmn.options import BadInput
 from qmn.verbs.run import service_request
 from wire.parameters.physics import Memory
@@ -51,7 +50,6 @@ def test_parts_of_a_device_are_seen_where_devices_are_asked_for(tmp_path: Path) 
     network = describe_network(parse("--topology", f"{tmp_path}/parts.py:Parts"))
     assert network.hosts == ["h1"]
     assert network.parts.hosts["h1"].memory == Memory(t2_s=0.5)
-    assert ("T2 of h1", 0.5) in list(times(network.parts))
 
 
 @pytest.mark.parametrize(

@@ -155,7 +155,7 @@ def test_no_result_has_parameters_of_another_job(job: str) -> None:
 
 
 def test_a_result_of_a_network_keeps_all_of_its_options_that_say_something(tmp_path: Path) -> None:
-    options = NetworkOptions(seed=7, controller="os-ken", length_km=2.0, time_scale="auto")
+    options = NetworkOptions(seed=7, controller="os-ken", length_km=2.0, time="paced=40")
     facts = beginning(options)
     facts.write(tmp_path)
     left = json.loads((tmp_path / "result.json").read_text())

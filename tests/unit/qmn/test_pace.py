@@ -1,14 +1,18 @@
 """Time is stepped by default, and paced where something in the network goes by the wall."""
 
+import argparse
+
 import pytest
+from recorded_run import service_run
 
 from qmn.jobs.stepped import with_pace
 from qmn.machines.options import MachineOptions
 from qmn.network.description import describe_network, describe_own
 from qmn.network.options import NetworkOptions
-from qmn.network.time_scale import Pace
+from qmn.network.time_scale import Pace, time_mode
 from qmn.options import BadInput
 from qmn.requests.run_options import RunOptions
+from qmn.results.pace_row import note_pace, rows
 from qmn.verbs.cli import CliOptions, start_and_obey
 from topologies.links.copper_link import CopperLink
 from topologies.sdc import SdcTopo
@@ -25,6 +29,26 @@ def test_time_is_stepped_unless_somebody_says_how_it_is_paced() -> None:
     assert not pace(time="paced").stepped
     assert (pace(time="paced=40").stepped, pace(time="paced=40").scale) == (False, 40.0)
     assert not pace(time="paced", control_loss=0.1).reason  # it was asked for
+
+
+def test_a_row_says_how_time_passed_and_why() -> None:
+    for chosen, text in (
+        (Pace(), "stepped: it stands while software runs"),
+        (Pace(False), "paced: by the wall clock"),
+        (Pace(False, 5.0), "paced: a second of the network takes 5 s here"),
+        (Pace(False, reason="people type"), "paced: by the wall clock, as people type"),
+    ):
+        facts = service_run()
+        note_pace(facts, chosen)
+        assert rows(facts)["time"] == text
+
+
+@pytest.mark.parametrize(
+    "text", ["fast", "stepped=2", "paced=0.5", "paced=", "paced=nan", "paced=2e9", "paced=auto", ""]
+)
+def test_a_mode_of_time_that_there_is_not_is_refused(text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match="choose stepped, paced, or paced=K"):
+        time_mode(text)
 
 
 PACED = [
