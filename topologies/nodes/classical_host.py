@@ -21,6 +21,7 @@ from topologies.system.runs.runtime import Runtime
 from wire.network_time import SteppedTime
 
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
+REPEATS = "200ms"  # of the wall, until TCP repeats what a switch has lost, by default
 RTO_MIN = "100s"  # of the wall, until TCP repeats what nobody has acknowledged; 120 s at most
 # The entries of a folder of runs.
 OF_RUNS = re.compile(r"\d{8}T\d{6}-.+|\.?latest.*|\.index\.sqlite.*|\.cache")
@@ -92,13 +93,20 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
         """Have TCP wait for answers while time stands: it would repeat what is on its way.
 
         And answer at once: what waits for an acknowledgement cannot be seen, and time would leap.
+        No cable holds back what goes to and from the dispatcher; time stands until it has come.
         """
         within(self, repeat_nothing)
-        interface = self.defaultIntf()
-        route = self.cmd(f"ip route show dev {interface}").strip()
-        wanted = f"{route} dev {interface} rto_min {RTO_MIN} quickack 1"
-        if refusal := self.cmd(f"ip route change {wanted}"):
-            raise NetworkError(f"{self.name}: ip route change {wanted}: {refusal.strip()}")
+        dispatcher, _, _port = self.network.dispatcher.partition(":")
+        route = self.cmd(f"ip route show dev {self.defaultIntf()}").strip()
+        is_there = self.IP() == dispatcher
+        self._route("change", route, REPEATS if is_there else RTO_MIN)
+        if dispatcher and not is_there:
+            self._route("add", f"{dispatcher} scope link", REPEATS)
+
+    def _route(self, change: str, route: str, repeated_after: str) -> None:
+        words = f"{route} dev {self.defaultIntf()} rto_min {repeated_after} quickack 1"
+        if refusal := self.cmd(f"ip route {change} {words}"):
+            raise NetworkError(f"{self.name}: ip route {change} {words}: {refusal.strip()}")
 
     def shown_folders(self) -> dict[Path, str]:
         return {}
