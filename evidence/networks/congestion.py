@@ -24,6 +24,7 @@ from evidence.networks.teleportation import WAITED
 from qmn.timeouts import EMULATED_READY_S
 from topologies.networks.network import Signals
 from topologies.system.processes.programs import python
+from wire.network_time import SteppedTime
 
 SHARE = Parameter("share", 0.5, 0.0, 0.95)
 MBPS = Parameter("copper_mbps", 0.25, 0.1, 10.0, "Mbit/s")
@@ -46,7 +47,9 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
         "device": (f"bob.memory.t2_s={values[T2.name]}",),
     }
     with network_for(CONGESTION, values, runs, "sdc", **options) as network:
-        program = [python(), "-m", PROGRAM, network.runtime.time.folder]
+        time = network.runtime.time
+        assert isinstance(time, SteppedTime)
+        program = [python(), "-m", PROGRAM, time.folder]
         heard = network.run_on("bob", HEAR, [*program, "hear"])
         heard.wait_for("ready", EMULATED_READY_S, network.check)
         if share:

@@ -27,7 +27,8 @@ FIGURE = "fidelity"
 
 def said(kind: str, delay_s: float) -> str:
     """Return what is said behind `qmn`: all pairs come in one block."""
-    run, hosts = "swap --count 4000", ("alice", "r1", "bob")
+    run = "swap --count 4000"
+    hosts: tuple[str, ...] = ("alice", "r1", "bob")
     if kind == "copper":
         run, hosts = "distribute --count 8000", ("alice", "bob")
         slow = f"--copper-km {delay_s / 2 * SPEED_IN_FIBER_M_PER_S / 1e3:.9g}"

@@ -36,9 +36,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a run."""
     runs = tmp_path_factory.mktemp("runs")
     # Slow enough that the controller asks the switch for the light of its ports meanwhile.
-    slow = ("--message", "see " * 20, "--rate-hz", "250", "--block-pairs", "400")
     # Stepped, hosts connect to the dispatcher before captures begin.
-    slow = (*slow, "--time", "paced")
+    light = ("--rate-hz", "250", "--block-pairs", "400", "--time", "paced")
+    slow = ("--message", "see " * 20, *light)
     done = qmn(*slow, "--depolarizing", "0.003", "--frame-bytes", "8", runs=runs)
     assert done.returncode == 0, done.stdout + done.stderr
     return runs / "latest"

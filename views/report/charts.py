@@ -128,8 +128,9 @@ def key_steps(counts: Mapping[str, int]) -> str:
 
 
 @drawing.styled
-def error_rate(qber: float, low: float, high: float, most: float) -> str:
+def error_rate(qber: float, interval: tuple[float, float], most: float) -> str:
     """Draw an error rate with its interval, and the rate above which there is no key."""
+    low, high = interval
     made, axes = drawing.figure(*SMALL_INCHES)
     colour = BAD if qber > most else QUANTUM
     error = [[100 * (qber - low)], [100 * (high - qber)]]

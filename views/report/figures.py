@@ -143,9 +143,9 @@ def key_distribution_figures(run: RunFacts) -> Iterator[str]:
     if not (isinstance(keys, KeyFigures) and isinstance(request, ServiceRequest)):
         return
     options = request.options
-    estimate = [rate for rate in (keys.qber, keys.qber_low, keys.qber_high) if rate is not None]
-    if isinstance(options, KeyOptions) and len(estimate) == 3:
-        drawn = charts.error_rate(*estimate, most=options.max_qber)
+    interval = keys.qber_low or 0.0, 1.0 if keys.qber_high is None else keys.qber_high
+    if isinstance(options, KeyOptions) and keys.qber is not None:
+        drawn = charts.error_rate(keys.qber, interval, options.max_qber)
         text = "Of the disclosed bits, with its interval of 95 %. An eavesdropper who measures and "
         text += "resends all photons causes 25 %."
         yield figure("Error rate", drawn, text)

@@ -120,7 +120,7 @@ def agreements(
         outcomes = np.frombuffer(report.outcomes, np.uint8)
         assert outcomes.size == report.photons == PAIRS
         found.append(await correlated(scene, outcomes, basis))
-        found.append(np.count_nonzero(outcomes != 255))
+        found.append(int(np.count_nonzero(outcomes != 255)))
 
     device = Device(source=PairSource(fidelity=fidelity))
     play(folder, act, devices={"alice": device, "bob": device}, **switch)
@@ -156,8 +156,12 @@ def test_noisy_sources_and_linear_optics_swap_as_the_closed_forms_say(tmp_path: 
 
 def test_noise_of_the_analyser_is_of_the_switch(tmp_path: Path) -> None:
     # A visibility of V flips the phase with (1 - V)/2; both detectors click with eta^2.
-    parts = {"analyser": BellAnalyser(visibility=0.8), "detectors": Detectors(efficiency=0.7)}
-    agreed, seen = agreements(tmp_path, MeasureRequest.X, **parts)
+    agreed, seen = agreements(
+        tmp_path,
+        MeasureRequest.X,
+        analyser=BellAnalyser(visibility=0.8),
+        detectors=Detectors(efficiency=0.7),
+    )
     assert abs(seen - 0.49 * PAIRS) < 5 * np.sqrt(PAIRS * 0.49 * 0.51)
     assert abs(agreed - 0.9) < 5 * np.sqrt(0.09 / seen)
 

@@ -1,6 +1,7 @@
 """Time is stepped by default, and paced where something in the network goes by the wall."""
 
 import argparse
+from typing import Any
 
 import pytest
 from recorded_run import service_run
@@ -18,8 +19,8 @@ from topologies.links.copper_link import CopperLink
 from topologies.sdc import SdcTopo
 
 
-def pace(run: RunOptions | None = None, **options: object) -> Pace:
-    described = describe_network(NetworkOptions(topology="sdc", **options))  # type: ignore[arg-type]
+def pace(run: RunOptions | None = None, **options: Any) -> Pace:
+    described = describe_network(NetworkOptions(topology="sdc", **options))
     return with_pace(described, run or RunOptions()).pace
 
 
@@ -76,8 +77,8 @@ def test_what_goes_by_the_wall_paces_the_network_with_the_reason(
 class Own(SdcTopo):
     """With parts that go by the wall: copper that loses packets, an instrument."""
 
-    def build(self, part: str = "", **parameters: object) -> None:  # type: ignore[override]
-        super().build(**parameters)  # type: ignore[arg-type]
+    def build(self, part: str = "", **parameters: Any) -> None:
+        super().build(**parameters)
         if part == "loss":
             self.addLink(self.addHost("dave"), "s1", cls=CopperLink, loss=0.1)
         if part == "hardware":
