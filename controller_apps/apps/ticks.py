@@ -44,7 +44,8 @@ class Ticks:
         self._passed_s += min((self._time.now_ns() - began_ns) / NS, self._pause_s)
 
 
-ENDS = slice(26, 38)  # of a frame with TCP over IPv4: addresses and ports
+# Of a frame with TCP over IPv4: addresses and ports, and the octet of flags.
+ENDS, FLAGS, SYN = slice(26, 38), 47, 0x02
 
 
 class Instants:
@@ -70,8 +71,8 @@ class Instants:
         return True
 
     def take(self) -> list[tuple[SwitchPort, bytes]]:
-        """Return what has come, by the ends of its connections."""
-        came, self._came = sorted(self._came, key=lambda each: each[1][ENDS]), []
+        """Return what has come: openings of connections, then the rest, by their ends."""
+        came, self._came = sorted(self._came, key=_turn), []
         return came
 
     def go_on(self) -> None:
@@ -88,3 +89,9 @@ class Instants:
         while True:
             gate.take_notice()
             self._over()
+
+
+def _turn(came: tuple[SwitchPort, bytes]) -> tuple[bool, bytes]:
+    frame = came[1]
+    opens = len(frame) > FLAGS and bool(frame[FLAGS] & SYN)
+    return not opens, frame[ENDS]

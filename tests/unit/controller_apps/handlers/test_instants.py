@@ -32,5 +32,17 @@ def test_segments_of_one_instant_are_taken_by_the_addresses_of_their_hosts() -> 
         instants.close()
 
 
+def test_a_connection_is_opened_before_what_comes_on_it_at_the_same_instant() -> None:
+    """Its other end has the larger address."""
+    setup, answer = frame("10.0.0.1", 1), bytearray(frame("10.0.0.2", 0) + bytes(20))
+    answer[47] = 0x12  # SYN, ACK
+    with stepping() as gate:
+        instants = Instants(gate.time, lambda: None)
+        for each in (setup, bytes(answer)):
+            instants.keeps(S1, each)
+        assert [each for _, each in instants.take()] == [bytes(answer), setup]
+        instants.close()
+
+
 def test_paced_a_segment_is_not_kept() -> None:
     assert not Instants(REAL_TIME, lambda: None).keeps(S1, frame("10.0.0.1", 0))
