@@ -58,7 +58,8 @@ def inject(config: DispatcherConfig, name: str, fault: Fault) -> str:
     """Ask the dispatcher for the fault of a switch; return the outcome in words."""
     switch = find_switch(config, name)
     deadline_s = ORDER_TIMEOUT_S + switch.switching_time_s
-    ask_dispatcher(config, "InjectFault", build_request(config, name, fault), deadline_s)
+    request = build_request(config, name, fault)
+    ask_dispatcher(config, "InjectFault", request, deadline_s, takes_time=True)
     return outcome(switch, fault)
 
 

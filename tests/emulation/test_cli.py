@@ -272,7 +272,7 @@ def test_a_script_reads_results_of_a_topology_of_its_own(tmp_path: Path) -> None
         alice = next(fiber for fiber in fibers.values() if fiber.a == "alice-q0")
         # The photons pass alice's fibre to her and, encoded, on to bob.
         assert alice.photons_to_a == alice.photons_to_b == result.bell_pairs
-        # Devices report every second.
+        network.sleep(2)  # devices report every second
         wait_until(
             lambda: network.state("bob").device.get("pairs_received") == result.bell_pairs,
             "bob's device has reported what it received",

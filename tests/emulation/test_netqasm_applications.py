@@ -277,7 +277,8 @@ def test_a_program_sees_of_the_run_what_its_host_is_shown(tmp_path: Path) -> Non
     run(tmp_path / "runs", str(application))
     result = json.loads((tmp_path / "runs" / "latest" / "result.json").read_text())
     ((output,),) = [list(each.values()) for each in result["job"]["outputs"]]
-    own = ["alice", "alice/alice.sock", "keys", "keys/alice", "written", "written/alice"]
+    own = ["alice", "alice/alice.sock", "keys", "keys/alice", "time", "time/gate", "time/page"]
+    own += ["written", "written/alice"]
     assert [path for path in output["shown"] if path.count("/") < 2] == own
     assert not output["dispatcher"]
 
