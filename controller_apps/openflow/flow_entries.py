@@ -1,7 +1,7 @@
 """The OpenFlow messages of both apps: standing entries, paths, bypasses, packets out.
 
 Classical switches: table 0 filters (openflow.stations), table 1 picks quantum metadata out, table 2
-learns and forwards.
+learns and forwards, table 3 copies set-up messages for quantum switches.
 Quantum switches: table 0 holds light paths and nothing else, but for LLDP.
 """
 
@@ -16,11 +16,11 @@ from controller_apps.packets.segments import ACK, FIN, IP_TCP, PSH, RST, SYN, Fi
 from wire.device import DEVICE_PORT
 from wire.metadata.header import METADATA_PORT, QUANTUM_SWITCHES
 
-FILTER_TABLE, METADATA_TABLE, LEARNING_TABLE = 0, 1, 2
+FILTER_TABLE, METADATA_TABLE, LEARNING_TABLE, COPY_TABLE = 0, 1, 2, 3
 LIGHT_TABLE = 0
 TRUNK_PRIORITY, HIDDEN_PRIORITY = 510, 500
 CLOSE_PRIORITY, BYPASS_PRIORITY, OPENING_PRIORITY = 400, 300, 250
-PUSHED_PRIORITY, METADATA_PRIORITY = 210, 200
+METADATA_PRIORITY = 200
 PATH_PRIORITY = 100
 LLDP_PRIORITY = 65000
 LEARNING_PRIORITY = 1
@@ -90,7 +90,8 @@ def metadata_entries(datapath: Datapath, trunks: Collection[int] = ()) -> list[A
     """Return what makes a table of a classical switch pick quantum metadata out.
 
     Segments that are pushed, as set-up messages are, are copied to the quantum switches by
-    way of the trunks, ports that lead to switches.
+    way of the trunks, ports that lead to switches: in a table of their own, as Open vSwitch
+    would else tell all TCP by that flag, and exchange a connection's first segments.
 
     Bypasses, which carry the cookie of their session, stay: see ask_entries.
     Whatever can carry a set-up message goes to the controller, whichever flags it has: a switch
@@ -111,9 +112,16 @@ def metadata_entries(datapath: Datapath, trunks: Collection[int] = ()) -> list[A
     opening = {**to_port, "tcp_flags": (SYN, SYN | ACK | FIN | RST)}
     return [
         delete(datapath, METADATA_TABLE, cookie=0, cookie_mask=ALL_BITS),
+        delete(datapath, COPY_TABLE),
         add(datapath, METADATA_TABLE, 0, {}, to_learning()),
         add(datapath, METADATA_TABLE, OPENING_PRIORITY, opening, to_learning()),
-        add(datapath, METADATA_TABLE, METADATA_PRIORITY, to_port, to_controller()),
+        add(
+            datapath,
+            METADATA_TABLE,
+            METADATA_PRIORITY,
+            to_port,
+            parser.OFPInstructionGotoTable(COPY_TABLE),
+        ),
         # Of the node agents: to the controller and to nobody else.
         add(datapath, METADATA_TABLE, METADATA_PRIORITY, to_agents, to_controller()),
         *copies,
@@ -125,12 +133,15 @@ def metadata_entries(datapath: Datapath, trunks: Collection[int] = ()) -> list[A
 def _copies_for_switches(datapath: Datapath, trunks: Collection[int]) -> list[Any]:
     """Return what sends copies to all quantum switches; hosts send none."""
     to_group = {"eth_dst": QUANTUM_SWITCHES}
-    entries = [add(datapath, METADATA_TABLE, HIDDEN_PRIORITY, to_group)]
+    entries = [
+        add(datapath, METADATA_TABLE, HIDDEN_PRIORITY, to_group),
+        add(datapath, COPY_TABLE, 0, {}, to_controller()),
+    ]
     if trunks:
         pushed = {**TO_METADATA_PORT, "tcp_flags": (PSH, PSH)}
         readdressed = parser.OFPActionSetField(**to_group)
         copied = _apply([*_outputs([ofproto.OFPP_CONTROLLER]), readdressed, *_outputs(trunks)])
-        entries.append(add(datapath, METADATA_TABLE, PUSHED_PRIORITY, pushed, copied))
+        entries.append(add(datapath, COPY_TABLE, METADATA_PRIORITY, pushed, copied))
     for port in trunks:
         match, onward = {"in_port": port, **to_group}, output(*_others(trunks, port))
         entries.append(add(datapath, METADATA_TABLE, TRUNK_PRIORITY, match, onward))

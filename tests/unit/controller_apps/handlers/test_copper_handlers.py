@@ -41,7 +41,7 @@ from wire.metadata.header import METADATA_PORT, QUANTUM_SWITCHES
 scene, ready = handlers_scene.scene, handlers_scene.ready  # fixtures
 
 
-def test_a_classical_switch_gets_its_two_tables(scene: Scene) -> None:
+def test_a_classical_switch_gets_its_tables(scene: Scene) -> None:
     entries = flow_mods(scene.s1.take())
     added = [entry for entry in entries if entry.command == ofproto.OFPFC_ADD]
     wiped = [entry.table_id for entry in entries if entry.command == ofproto.OFPFC_DELETE]
@@ -53,7 +53,7 @@ def test_a_classical_switch_gets_its_two_tables(scene: Scene) -> None:
         (0, 0, {}, [("goto", 1)]),
         (1, 0, {}, [on]),
         (1, 250, {**to_port, "tcp_flags": (2, 23)}, [on]),
-        (1, 200, to_port, [up]),
+        (1, 200, to_port, [("goto", 3)]),
         (1, 200, {"eth_type": 0x0800, "ip_proto": 17, "udp_dst": DEVICE_PORT}, [up]),
         (1, 400, {**to_port, "tcp_flags": (1, 1)}, [up, on]),
         (1, 400, {**to_port, "tcp_flags": (4, 4)}, [up, on]),
@@ -63,8 +63,9 @@ def test_a_classical_switch_gets_its_two_tables(scene: Scene) -> None:
         (1, 500, {"eth_type": 0x88A8}, []),
         (1, 500, {**ends, "tcp_src": 0, "tcp_dst": 0}, []),
         (1, 500, {"eth_dst": QUANTUM_SWITCHES}, []),
+        (3, 0, {}, [up]),
     ]
-    assert wiped == [2, 0, 1]
+    assert wiped == [2, 0, 1, 3]
     assert [
         (entry.table_id, entry.priority, dict(entry.match.items()), instructions(entry))
         for entry in added
@@ -75,9 +76,15 @@ def test_a_classical_switch_gets_its_two_tables(scene: Scene) -> None:
                 assert instruction.actions[0].max_len == ofproto.OFPCML_NO_BUFFER
 
 
-def added_to(datapath: Datapath, priorities: set[int]) -> list[tuple[dict[str, Any], list[Any]]]:
-    """Return match and actions of the entries of these priorities."""
-    mods = [mod for mod in flow_mods(datapath.take()) if mod.priority in priorities]
+def added_to(
+    datapath: Datapath, priorities: set[int], copies: bool = False
+) -> list[tuple[dict[str, Any], list[Any]]]:
+    """Return match and actions of the entries of these priorities, and of table 3's."""
+    mods = [
+        mod
+        for mod in flow_mods(datapath.take())
+        if mod.priority in priorities or (copies and (mod.table_id, mod.priority) == (3, 200))
+    ]
     applied = [(dict(mod.match.items()), mod.instructions[0].actions) for mod in mods]
     return [
         (match, [getattr(action, "port", None) or action.value for action in actions])
@@ -90,14 +97,14 @@ def test_what_is_pushed_is_copied_along_the_trunks_to_quantum_switches(tmp_path:
     scene, up = Scene(tmp_path, trunks=trunks), ofproto.OFPP_CONTROLLER
     to_port = {"eth_type": 0x0800, "ip_proto": 6, "tcp_dst": METADATA_PORT}
     to_group = {"eth_dst": QUANTUM_SWITCHES}
-    assert added_to(scene.s1, {210, 510}) == [
+    assert added_to(scene.s1, {510}, copies=True) == [
         ({**to_port, "tcp_flags": (8, 8)}, [up, QUANTUM_SWITCHES, 5, 6]),
         ({"in_port": 5, **to_group}, [6]),
         ({"in_port": 6, **to_group}, [5]),
     ]
     assert added_to(scene.q1, {200}) == [({"in_port": 1, **to_port, **to_group}, [up])]
     off = Scene(tmp_path, trunks=trunks, metadata_at_switch="off")
-    assert added_to(off.s1, {210, 510}) == added_to(off.q1, {200}) == []
+    assert added_to(off.s1, {510}, copies=True) == added_to(off.q1, {200}) == []
 
 
 @pytest.mark.parametrize("copied", [True, False])
