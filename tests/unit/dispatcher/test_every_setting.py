@@ -31,6 +31,10 @@ MODEL = f"{__file__}:Flip"
 ELSEWHERE = {  # settings that no single job of hosts feels, and what tries them
     "fiber.kind": "a name for values of others: tests/unit/topologies",
     "fiber.channel_crosstalk_db": "of light in other channels: test_channels.py",
+    **dict.fromkeys(
+        ("switch.analysers", "switch.analyser", "switch.detectors", "switch.gates"),
+        "of a switch that measures: test_switch_analysers.py",
+    ),
     "switch.min_power_dbm": "bounds what a port is tuned to: test_switch_requests.py",
 }
 

@@ -59,7 +59,7 @@ def test_the_page_on_adding_a_service_adds_one(
     done = subprocess.run(
         [sys.executable, str(scene / "try_it.py"), str(sockets)],
         cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": f"{tmp_path}:{scene}"},
+        env={**os.environ, "PYTHONPATH": f"{tmp_path}:{scene}:{ROOT / 'tests'}"},
         capture_output=True,
         text=True,
         check=False,

@@ -111,5 +111,7 @@ def test_remedies_of_sessions_name_options_that_there_are() -> None:
     assert named == {
         Reason.NOT_ALLOWED: ["--policy"],
         Reason.LOSS_TOO_HIGH: ["--loss-budget-db"],
+        Reason.SETUP_UNSEEN: ["--metadata-at-switch"],
     }
+    assert parse("--metadata-at-switch=observed").metadata_at_switch == "observed"
     assert parse("--policy=a", "--loss-budget-db=40").loss_budget_db == 40

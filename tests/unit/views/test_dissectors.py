@@ -420,6 +420,7 @@ EVENT = Event(
     photons=1_000_000,
     lost=7,
     photon=5,
+    first=["Z 1"],
     detail="with 3/0: Phi+=8 später",
 )
 
@@ -437,6 +438,7 @@ def test_every_field_of_an_event_is_shown(tmp_path: Path) -> None:
         "qevent.lost": 7,
         "qevent.detail": EVENT.detail,
         "qevent.photon": EVENT.photon,
+        "qevent.first": "Z 1",
     }
     every = {field.name for field in Event.DESCRIPTOR.fields}
     assert {name.split(".")[1] for name in values} >= every - {"block"}, "a new field: name it here"
