@@ -19,7 +19,8 @@ BLOCKS = 1
 WRITTEN_PHOTONS = 5
 MESSAGE = ["--message", "x" * (BLOCKS * PAIRS // 4), "--frame-bytes", str(PAIRS // 4)]
 # Slow enough that the spy is connected before bob's part begins.
-PACE = ["--block-pairs", str(PAIRS), "--rate-hz", str(PAIRS // 4)]  # four seconds
+# Four seconds of the wall.
+PACE = ["--block-pairs", str(PAIRS), "--rate-hz", str(PAIRS // 4), "--time", "paced"]
 SPY = [sys.executable, "-m", "qmn", "spy", "--json"]
 Happening = tuple[object, ...]  # what happened where to which half of a block
 

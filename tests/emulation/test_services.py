@@ -22,6 +22,9 @@ def run_service(runs: Path, *words: str, report: bool = False) -> dict[str, Any]
     return result
 
 
+MICROSECOND_S = 1e-6  # to which datetime cuts a time
+
+
 def events(folder: Path) -> Iterator[tuple[str, str, float]]:
     """Yield node, kind and time (s) of what happened to the qubits."""
     for line in (folder / "quantum.log").read_text().splitlines():
@@ -61,7 +64,8 @@ def test_states_are_teleported(tmp_path: Path, controller: str) -> None:
     applied = [time_s for node, kind, time_s in events(folder) if (node, kind) == ("bob", "apply")]
     assert len(seen) == len(applied) == 3  # blocks
     for packet, done_s in zip(seen, applied, strict=True):
-        assert float(packet) < done_s  # the two bits were on the wire before
+        # The two bits were on the wire by then: at the same instant, as software takes no time.
+        assert float(packet) < done_s + MICROSECOND_S
 
 
 def test_any_state_is_teleported_on_dense(tmp_path: Path) -> None:
