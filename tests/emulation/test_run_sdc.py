@@ -276,8 +276,13 @@ def test_the_captures_hold_the_metadata_and_the_traffic_to_ed(
                 setup = setup_in(packet)
                 if setup and packet[IP].dst == "10.0.0.2":
                     verdicts.setdefault(Path(capture).stem, set()).add(setup.verdict)
-    # alice hangs on s1-eth1 and bob on s1-eth2: pending before the controller, granted behind it.
-    assert verdicts == {"s1-eth1": {Verdict.PENDING}, "s1-eth2": {Verdict.GRANTED}}
+    # alice hangs on s1-eth1 and bob on s1-eth2: pending before the controller, granted behind it;
+    # q1, on s1-eth5, gets a copy of what alice sent.
+    assert verdicts == {
+        "s1-eth1": {Verdict.PENDING},
+        "s1-eth2": {Verdict.GRANTED},
+        "s1-eth5": {Verdict.PENDING},
+    }
     assert to_dispatcher > 10
 
 
