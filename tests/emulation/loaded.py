@@ -14,12 +14,10 @@ from tempfile import TemporaryFile
 from threading import Lock, Thread
 from typing import IO, Any
 
-import pytest
 from limits import PROGRAM_S
 
 from topologies.system.processes.forks import MODULES, Forked, ForkServer, request
 from topologies.system.processes.programs import ENVIRONMENT, ROOT, Program, python
-from topologies.system.runs.runtime import Runtime
 
 QMN, CONTROLLER = "whole_qmn", "whole_controller"  # modules beside this one
 ON_FRAMEWORK = "framework_server"  # and one that loads the controller beside all else
@@ -223,9 +221,7 @@ def serving(folder: Path) -> Iterator[None]:
     global _loaded
     _loaded = Loaded(folder)
     try:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(Runtime, "forks", lambda _: forks())  # also where a script starts one
-            yield
+        yield
     finally:
         _loaded.end()
         _loaded = None
