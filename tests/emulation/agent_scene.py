@@ -385,14 +385,13 @@ def running_switch(
 
 
 def _running_switch(folder: Path, controllers: int, fiber_ports: Sequence[int]) -> Iterator[Switch]:
-    names = veth_names()
+    names, switch = veth_names(), Switch(folder, controllers, fiber_ports)
     for near, far in zip(names[::2], names[1::2], strict=True):
         run("ip", "link", "add", near, "type", "veth", "peer", "name", far)
         for name in (near, far):
             # Else the kernel says something of its own at any time.
             Path(f"/proc/sys/net/ipv6/conf/{name}/disable_ipv6").write_text("1")
             run("ip", "link", "set", name, "up")
-    switch = Switch(folder, controllers, fiber_ports)
     try:
         bridge = [f"add-br {BRIDGE}", f"set bridge {BRIDGE} datapath_type=netdev"]
         bridge += [f"set bridge {BRIDGE} protocols=OpenFlow14 fail_mode=secure"]

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, mkdtemp
 from typing import Any
 
 import pytest
@@ -228,7 +228,8 @@ def lent(name: str, folder: Path) -> Any:
     if name == SECOND:
         return STANDING.take(name, partial(second_machine, folder))
     if name == SWITCH:
-        return STANDING.take(name, partial(scene_of_agents().running_switch, folder))
+        own = Path(mkdtemp(dir=folder))  # its socket is there; it may stand more than once
+        return STANDING.take(name, partial(scene_of_agents().running_switch, own))
     return STANDING.take(name, partial(standing, name, folder))
 
 
