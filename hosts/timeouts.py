@@ -27,7 +27,9 @@ ARRIVED_TIMEOUT_S = 0.1  # for light that the other end reports as sent
 OUTCOME_TIMEOUT_S = 0.02  # the same, where its measurement was ordered: its outcome is on its way
 EXPECTED_TIMEOUT_S = 10.0  # for light that nobody has announced
 RESENT_TIMEOUT_S = 1.0  # for light that has come to an interceptor; its session may be over
-ANALYSER_TIMEOUT_S = 10.0  # until a switch tells of light: 5 s are for that of the other end
+ANALYSER_TIMEOUT_S = (
+    10.0  # until a switch reports an outcome, 5 s of them for the light of the other end
+)
 DARK_LIMIT_S = 10.0  # without a single pair; the last few symbols of a message are small blocks
 PAIR_TIMEOUT_S = 30.0  # until a pair with a handshake of its own is over
 

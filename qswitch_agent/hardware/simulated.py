@@ -217,7 +217,7 @@ class SimulatedSwitch:
             raise HardwareFault(str(meaning)) from error
         finally:
             call.cancel()
-        raise HardwareFault(f"dispatcher at {self._socket} tells nothing of analysers any more")
+        raise HardwareFault(f"dispatcher at {self._socket} no longer reports outcomes of analysers")
 
     async def close(self) -> None:
         self._cross_connects.close()

@@ -20,7 +20,7 @@ ENDS = {
 
 
 class AnalyserSocket:
-    """Reads what analysers tell of blocks."""
+    """Reads the outcomes that analysers report, block by block."""
 
     def __init__(self, channel: socket.socket) -> None:
         self._channel = channel
