@@ -8,6 +8,7 @@ first turn is notified at once, and each other when all is quiet again, before t
 a client asks for that, the clock goes with the wall instead.
 """
 
+import math
 import mmap
 import os
 import select
@@ -19,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gate.quiescence import Quiescence
-from gate.timeouts import PAUSE_S
+from gate.timeouts import HELD_S, PAUSE_S
 from wire.leaps import LEAP
 from wire.network_time import (
     GATE,
@@ -81,6 +82,7 @@ class Gate:
         self._watched, self._watched_since_s = watched, 0.0
         self._wall_ns = 0  # when the clock was set by the wall last; 0: it does not go with it
         self._stepped_since_ns = since_ns
+        self._held_since_s = 0.0  # by the wall; 0: it is not; inf: that was said
         self._poller = select.epoll()
         self._clients: dict[int, Client] = {}  # by descriptor
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -107,14 +109,34 @@ class Gate:
             self._take(self._wait_s())
             if self._wall_ns or self._asks_for_wall:
                 self._go_with_wall()
-            elif self._is_awaited and self._is_quiet:
+            elif not self._is_awaited:
+                self._held_since_s = 0.0
+            elif self._is_quiet:
+                self._held_since_s = 0.0
                 self._go_on()
+            else:
+                self._tell_what_holds()
         self._leaps_file.close()
 
     @property
     def _is_quiet(self) -> bool:
         """Whether nothing runs, no message is under way, and no client has written more."""
         return bool(self._quiet) and self._sent == self._taken and not self._take(0)
+
+    def _tell_what_holds(self) -> None:
+        """Say once, after a while, what has not let the clock go on since."""
+        now_s = time.monotonic()
+        self._held_since_s = self._held_since_s or now_s
+        if now_s - self._held_since_s < HELD_S:
+            return
+        self._held_since_s = math.inf
+        links = [
+            f"{sent - taken} messages of link {slot // 2}"
+            for slot, (sent, taken) in enumerate(zip(self._sent, self._taken, strict=True))
+            if sent != taken
+        ]
+        what = ", ".join(links) or self._quiet.holder or "nothing that lasts"
+        print(f"the clock has stood for {HELD_S:g} s: {what}", flush=True)
 
     @property
     def _asks_for_wall(self) -> bool:

@@ -14,7 +14,7 @@ from typing import NamedTuple, Self
 
 STAT_BYTES = 512
 RUNS = b"RD"  # states of a task: on a processor or waiting for one, and waiting for a disk
-CARRIERS = (b"event_engine", b"grpc_global_tim", b"lifeguard")  # gRPC's threads
+CARRIERS = ("event_engine", "grpc_global_tim", "lifeguard")  # gRPC's threads
 BACKLOG = 11  # field of softnet_stat, in hexadecimal
 
 
@@ -40,10 +40,15 @@ class Task(NamedTuple):
         os.close(self.schedstat)
 
     @property
+    def name(self) -> str:
+        """The thread's id and the name of its program; raise OSError if it has ended."""
+        stat = os.pread(self.stat, STAT_BYTES, 0)
+        return stat[: stat.rindex(b")") + 1].decode(errors="replace")
+
+    @property
     def is_carrier(self) -> bool:
         """Whether it is a thread of gRPC; raise OSError if it has ended."""
-        stat = os.pread(self.stat, STAT_BYTES, 0)
-        return stat[stat.index(b"(") + 1 : stat.rindex(b")")] in CARRIERS
+        return self.name.partition("(")[2][:-1] in CARRIERS
 
     @property
     def runs(self) -> bool:
@@ -82,6 +87,15 @@ class Quiescence:
         except ProcessLookupError:
             self._newest = b""
             return False
+
+    @property
+    def holder(self) -> str:
+        """The task that was found running last, if it still runs, by name and process id."""
+        try:
+            task = self._tasks[0] if self._tasks and self._tasks[0].runs else None
+            return task.name if task else ""
+        except ProcessLookupError:
+            return ""
 
     def _newest_id(self) -> bytes:
         return os.pread(self._load, STAT_BYTES, 0).split()[-1]

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from gate.timeouts import HELD_S
 from wire.network_time import SteppedTime
 
 DEADLINE_S = 60.0
@@ -17,6 +18,7 @@ SINCE_NS = 1_700_000_000_000_000_000
 GATE = """
 import mmap, signal, sys
 from pathlib import Path
+import gate.gate
 from tempfile import TemporaryDirectory
 from gate.gate import Gate
 from gate.quiescence import Quiescence
@@ -31,28 +33,34 @@ class Counting(Gate):
         self.wrong += sum(work[::2]) != sum(work[1::2])
         super()._go_on()
 
-folder, since, proc, *watched = sys.argv[1:]
+folder, since, proc, held, *watched = sys.argv[1:]
+gate.gate.HELD_S = float(held)
 leaps, quiet = Path(folder, LEAPS), Quiescence(proc)
-gate = Counting(Path(folder), int(since), leaps, quiet, bool(watched))
-signal.signal(signal.SIGTERM, lambda *_: gate.stop())
+counting = Counting(Path(folder), int(since), leaps, quiet, bool(watched))
+signal.signal(signal.SIGTERM, lambda *_: counting.stop())
 print("ready", flush=True)
-gate.run()
-print(gate.leaps, gate.wrong)
+counting.run()
+print(counting.leaps, counting.wrong)
 """
 
 
 class Stepping:
     """A running gate."""
 
-    def __init__(self, folder: Path, watched: bool = False) -> None:
+    def __init__(self, folder: Path, watched: bool = False, held_s: float = HELD_S) -> None:
         self.time = SteppedTime(1.0, SINCE_NS, str(folder))
         self._proc = folder / "proc"
         self._proc.mkdir()
         command = [sys.executable, "-c", GATE, str(folder), str(SINCE_NS), str(self._proc)]
+        command.append(str(held_s))
         command += ["watched"] * watched
         self._gate = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        assert self.says() == "ready\n"
+
+    def says(self) -> str:
+        """Wait for the next line that the gate prints."""
         assert self._gate.stdout is not None
-        assert self._gate.stdout.readline() == "ready\n"
+        return self._gate.stdout.readline()
 
     def watch(self, pid: int) -> None:
         """Have the gate look at a process from now on."""
@@ -73,10 +81,10 @@ class Stepping:
 
 
 @contextmanager
-def stepping(watched: bool = False) -> Iterator[Stepping]:
+def stepping(watched: bool = False, held_s: float = HELD_S) -> Iterator[Stepping]:
     """Run a gate that looks at this process, and at others that are named."""
     with TemporaryDirectory(dir="/tmp") as folder:  # sockets need a short path
-        gate = Stepping(Path(folder), watched)
+        gate = Stepping(Path(folder), watched, held_s)
         try:
             gate.watch(os.getpid())
             yield gate

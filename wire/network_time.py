@@ -16,7 +16,7 @@ import socket
 import struct
 import time
 from dataclasses import dataclass
-from functools import cache
+from functools import cached_property
 from pathlib import Path
 
 LEAST_SCALE, MOST_SCALE = 1.0, 1e9
@@ -107,9 +107,23 @@ class SteppedTime(NetworkTime):
     folder: str = ""
     slot: int = 0  # of this program's link
 
+    # Each object has its own: a later network may have the same folder.
+    @cached_property
+    def clock(self) -> memoryview:
+        """The page whose first number is the clock; hosts can read it, and not write."""
+        with (Path(self.folder) / PAGE).open("rb") as file:
+            mapped = mmap.mmap(file.fileno(), PAGE_BYTES, access=mmap.ACCESS_READ)
+        return memoryview(mapped).cast("q")
+
+    @cached_property
+    def page(self) -> memoryview:
+        """The memory that all programs share: the clock, and the counts of links."""
+        with (Path(self.folder) / PAGE).open("r+b") as file:
+            return memoryview(mmap.mmap(file.fileno(), PAGE_BYTES)).cast("q")
+
     def now_ns(self) -> int:
         """Return the time of the network in nanoseconds since 1970, at the start of the run."""
-        return clock(self.folder)[0]
+        return int(self.clock[0])
 
     def now_s(self) -> float:
         """Return the seconds of the network since the run began, exact to the nanosecond."""
@@ -122,15 +136,15 @@ class SteppedTime(NetworkTime):
     @property
     def has_begun(self) -> bool:
         """Whether the network is ready, and steps."""
-        return page(self.folder)[TAKEN] > 0
+        return int(self.page[TAKEN]) > 0
 
     def settle(self) -> None:
         """Let the background go on, before the network is ready."""
-        page(self.folder)[TAKEN] = SETTLING
+        self.page[TAKEN] = SETTLING
 
     def begin(self) -> None:
         """Note that the network is ready."""
-        page(self.folder)[TAKEN] = self.now_ns()
+        self.page[TAKEN] = self.now_ns()
 
     def background_s(self) -> float:
         """Return the seconds of the network: what goes by the wall comes at any instant."""
@@ -139,20 +153,6 @@ class SteppedTime(NetworkTime):
     def switch_timeout_s(self, seconds: int) -> int:
         """Return 0: what takes its place could need the time that waits for it."""
         return 0
-
-
-@cache
-def clock(folder: str) -> memoryview:
-    """Return the page whose first number is the clock; hosts can read it, and not write."""
-    with (Path(folder) / PAGE).open("rb") as file:
-        return memoryview(mmap.mmap(file.fileno(), PAGE_BYTES, access=mmap.ACCESS_READ)).cast("q")
-
-
-@cache
-def page(folder: str) -> memoryview:
-    """Return the memory that all programs share: the clock, and the counts of links."""
-    with (Path(folder) / PAGE).open("r+b") as file:
-        return memoryview(mmap.mmap(file.fileno(), PAGE_BYTES)).cast("q")
 
 
 class LinkCounts:
@@ -166,7 +166,7 @@ class LinkCounts:
         self._page: memoryview | None = None
         slot, far = 0, far_slot is not None
         if isinstance(time, SteppedTime):
-            self._page = page(time.folder)
+            self._page = time.page
             slot = time.slot if far_slot is None else far_slot
         self._sent = 1 + 2 * slot + far
         self._taken = TAKEN + 1 + 2 * slot + (not far)

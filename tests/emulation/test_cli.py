@@ -260,8 +260,7 @@ def test_the_script_of_the_documentation_runs(tmp_path: Path) -> None:
 
 def test_a_script_reads_results_of_a_topology_of_its_own(tmp_path: Path) -> None:
     data = os.urandom(3000)
-    chain = ChainTopo(switches=2, depolarizing=0.001)
-    with start(lambda: chain, folder=tmp_path, time="paced") as network:
+    with start(lambda: ChainTopo(switches=2, depolarizing=0.001), folder=tmp_path) as network:
         result = network.send("alice", "bob", data, frame_bytes=32)
         assert (result.data, result.size) == (data, 3000)
         assert 0 < result.symbol_errors < 0.05 * result.received_symbols

@@ -20,7 +20,7 @@ ONE_WAY_S = 2000e3 / 2.04e8
 
 
 def test_the_controller_is_reached_over_its_own_copper_alone(tmp_path: Path) -> None:
-    with start("sdc", folder=tmp_path, time="paced") as network:
+    with start("sdc", folder=tmp_path) as network:
         c0 = network.net.get("c0")
         names = {line.split("@")[0].split()[0] for line in c0.cmd("ip -br link").splitlines()}
         assert {"c0-net", "c0-s1", "c0-q1"} <= names
@@ -56,7 +56,7 @@ def arrives(network: QuantumNetwork, data: bytes) -> bool:
 
 
 def test_paths_wait_for_the_way_to_the_controller_and_back(tmp_path: Path) -> None:
-    with start("sdc", folder=tmp_path, control_km=2000.0, time="paced") as network:
+    with start("sdc", folder=tmp_path, control_km=2000.0) as network:
         network.send("alice", "bob", b"hello")
         lines = (tmp_path / "controller.jsonl").read_text().splitlines()
     (ready,) = (each for each in map(json.loads, lines) if each["event"] == "path_ready")

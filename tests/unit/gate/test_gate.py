@@ -2,6 +2,7 @@
 
 import os
 import select
+import shutil
 import socket
 import struct
 import subprocess
@@ -11,6 +12,7 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from stepping import DEADLINE_S, SINCE_NS, Stepping, stepping
@@ -115,6 +117,33 @@ def test_the_clock_stands_while_a_process_runs(gate: Stepping) -> None:
         assert stands(gate.time)
         busy.kill()
         soon(client)
+
+
+def test_the_gate_names_what_lets_the_clock_stand() -> None:
+    with stepping(held_s=0.5) as gate, GateClientOf(gate) as client:
+        LinkCounts(SteppedTime(1.0, SINCE_NS, gate.time.folder, slot=7)).sent()
+        client.wait_for(SINCE_NS + 1)
+        assert gate.says() == "the clock has stood for 0.5 s: 1 messages of link 7\n"
+    busy = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+    with stepping(held_s=0.5) as gate, busy, GateClientOf(gate) as client:
+        gate.watch(busy.pid)
+        client.wait_for(SINCE_NS + 1)
+        said = gate.says()
+        busy.kill()
+    assert said.startswith(f"the clock has stood for 0.5 s: {busy.pid} (python"), said
+
+
+def test_a_later_network_in_the_same_folder_has_a_clock_of_its_own() -> None:
+    with TemporaryDirectory(dir="/tmp") as parent:
+        folder = Path(parent, "time")
+        for _network in range(2):
+            folder.mkdir()
+            gate = Stepping(folder)
+            assert not gate.time.has_begun
+            gate.time.begin()
+            assert gate.time.has_begun
+            gate.kill()
+            shutil.rmtree(folder)
 
 
 def test_the_clock_goes_on_while_a_thread_of_grpc_runs(gate: Stepping) -> None:
