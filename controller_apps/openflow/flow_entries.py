@@ -17,6 +17,7 @@ from wire.device import DEVICE_PORT
 from wire.metadata.header import METADATA_PORT, QUANTUM_SWITCHES
 
 FILTER_TABLE, METADATA_TABLE, LEARNING_TABLE, COPY_TABLE = 0, 1, 2, 3
+COPY_METER, COPIES_PER_S = 1, 2000  # as many as come to the controller itself (SHARES of nodes)
 LIGHT_TABLE = 0
 TRUNK_PRIORITY, HIDDEN_PRIORITY = 510, 500
 CLOSE_PRIORITY, BYPASS_PRIORITY, OPENING_PRIORITY = 400, 300, 250
@@ -120,6 +121,7 @@ def metadata_entries(datapath: Datapath, trunks: Collection[int] = ()) -> list[A
             METADATA_TABLE,
             METADATA_PRIORITY,
             to_port,
+            to_controller(),
             parser.OFPInstructionGotoTable(COPY_TABLE),
         ),
         # Of the node agents: to the controller and to nobody else.
@@ -131,21 +133,32 @@ def metadata_entries(datapath: Datapath, trunks: Collection[int] = ()) -> list[A
 
 
 def _copies_for_switches(datapath: Datapath, trunks: Collection[int]) -> list[Any]:
-    """Return what sends copies to all quantum switches; hosts send none."""
+    """Return what sends copies to all quantum switches; hosts send none.
+
+    A meter drops what is more than all sessions need, so that a host that floods does not fill q1.
+    """
     to_group = {"eth_dst": QUANTUM_SWITCHES}
-    entries = [
-        add(datapath, METADATA_TABLE, HIDDEN_PRIORITY, to_group),
-        add(datapath, COPY_TABLE, 0, {}, to_controller()),
-    ]
+    entries = [add(datapath, METADATA_TABLE, HIDDEN_PRIORITY, to_group)]
     if trunks:
         pushed = {**TO_METADATA_PORT, "tcp_flags": (PSH, PSH)}
-        readdressed = parser.OFPActionSetField(**to_group)
-        copied = _apply([*_outputs([ofproto.OFPP_CONTROLLER]), readdressed, *_outputs(trunks)])
-        entries.append(add(datapath, COPY_TABLE, METADATA_PRIORITY, pushed, copied))
+        metered = parser.OFPInstructionMeter(COPY_METER)
+        copied = _apply([parser.OFPActionSetField(**to_group), *_outputs(trunks)])
+        entries += _meter(datapath)
+        entries.append(add(datapath, COPY_TABLE, METADATA_PRIORITY, pushed, metered, copied))
     for port in trunks:
         match, onward = {"in_port": port, **to_group}, output(*_others(trunks, port))
         entries.append(add(datapath, METADATA_TABLE, TRUNK_PRIORITY, match, onward))
     return entries
+
+
+def _meter(datapath: Datapath) -> list[Any]:
+    """Return what makes the meter of copies; an earlier controller may have left one."""
+    band = parser.OFPMeterBandDrop(rate=COPIES_PER_S, burst_size=COPIES_PER_S)
+    flags = ofproto.OFPMF_PKTPS | ofproto.OFPMF_BURST
+    return [
+        parser.OFPMeterMod(datapath, ofproto.OFPMC_DELETE, flags, COPY_METER),
+        parser.OFPMeterMod(datapath, ofproto.OFPMC_ADD, flags, COPY_METER, [band]),
+    ]
 
 
 def unseen() -> list[dict[str, Any]]:

@@ -103,7 +103,7 @@ class Datapath(ProtocolDesc):  # type: ignore[misc]
         if kind == ofproto.OFPT_MULTIPART_REQUEST:
             multipart = int.from_bytes(data[8:10], "big")
             return SimpleNamespace(kind=kind, xid=xid, multipart=multipart, body=data[16:])
-        if kind == ofproto.OFPT_PORT_MOD:
+        if kind in (ofproto.OFPT_PORT_MOD, ofproto.OFPT_METER_MOD):
             return SimpleNamespace(kind=kind, xid=xid, data=data)
         if kind not in decoders:
             return SimpleNamespace(kind=kind, xid=xid)

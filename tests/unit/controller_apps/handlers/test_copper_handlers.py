@@ -1,5 +1,6 @@
 """Classical switches and copper: their tables, who may speak, what is learned and forwarded."""
 
+import struct
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -53,7 +54,7 @@ def test_a_classical_switch_gets_its_tables(scene: Scene) -> None:
         (0, 0, {}, [("goto", 1)]),
         (1, 0, {}, [on]),
         (1, 250, {**to_port, "tcp_flags": (2, 23)}, [on]),
-        (1, 200, to_port, [("goto", 3)]),
+        (1, 200, to_port, [up, ("goto", 3)]),
         (1, 200, {"eth_type": 0x0800, "ip_proto": 17, "udp_dst": DEVICE_PORT}, [up]),
         (1, 400, {**to_port, "tcp_flags": (1, 1)}, [up, on]),
         (1, 400, {**to_port, "tcp_flags": (4, 4)}, [up, on]),
@@ -63,7 +64,6 @@ def test_a_classical_switch_gets_its_tables(scene: Scene) -> None:
         (1, 500, {"eth_type": 0x88A8}, []),
         (1, 500, {**ends, "tcp_src": 0, "tcp_dst": 0}, []),
         (1, 500, {"eth_dst": QUANTUM_SWITCHES}, []),
-        (3, 0, {}, [up]),
     ]
     assert wiped == [2, 0, 1, 3]
     assert [
@@ -85,11 +85,23 @@ def added_to(
         for mod in flow_mods(datapath.take())
         if mod.priority in priorities or (copies and (mod.table_id, mod.priority) == (3, 200))
     ]
-    applied = [(dict(mod.match.items()), mod.instructions[0].actions) for mod in mods]
+    applied = [(dict(mod.match.items()), mod.instructions[-1].actions) for mod in mods]
     return [
         (match, [getattr(action, "port", None) or action.value for action in actions])
         for match, actions in applied
     ]
+
+
+def test_copies_pass_a_meter_which_is_made_anew(tmp_path: Path) -> None:
+    """OpenFlow 1.4 section 7.3.4.4: a drop band of 2,000 packets a second."""
+    sent = Scene(tmp_path, trunks=[(S1, 5), (Q1, 1)]).s1.take()
+    meters = [message for message in sent if message.kind == ofproto.OFPT_METER_MOD]
+    (copied,) = [mod for mod in flow_mods(sent) if (mod.table_id, mod.priority) == (3, 200)]
+    metered = copied.instructions[0].meter_id
+    head, band = struct.pack("!HI", 0b0110, metered), struct.pack("!HHII4x", 1, 16, 2000, 2000)
+    wanted = [struct.pack("!H", 2) + head, struct.pack("!H", 0) + head + band]
+    assert [meter.data[8:] for meter in meters] == wanted
+    assert sent.index(meters[-1]) < sent.index(copied)
 
 
 def test_what_is_pushed_is_copied_along_the_trunks_to_quantum_switches(tmp_path: Path) -> None:
@@ -98,7 +110,7 @@ def test_what_is_pushed_is_copied_along_the_trunks_to_quantum_switches(tmp_path:
     to_port = {"eth_type": 0x0800, "ip_proto": 6, "tcp_dst": METADATA_PORT}
     to_group = {"eth_dst": QUANTUM_SWITCHES}
     assert added_to(scene.s1, {510}, copies=True) == [
-        ({**to_port, "tcp_flags": (8, 8)}, [up, QUANTUM_SWITCHES, 5, 6]),
+        ({**to_port, "tcp_flags": (8, 8)}, [QUANTUM_SWITCHES, 5, 6]),
         ({"in_port": 5, **to_group}, [6]),
         ({"in_port": 6, **to_group}, [5]),
     ]
