@@ -162,7 +162,10 @@ class LinkCounts:
     """
 
     def __init__(self, time: NetworkTime, far_slot: int | None = None) -> None:
-        """Count at this program's end, or at the far one of the program that has a slot."""
+        """Count at this program's end, or at the far one of the program that has a slot.
+
+        As a program begins nothing is under way: one before it may have been killed.
+        """
         self._page: memoryview | None = None
         slot, far = 0, far_slot is not None
         if isinstance(time, SteppedTime):
@@ -170,6 +173,9 @@ class LinkCounts:
             slot = time.slot if far_slot is None else far_slot
         self._sent = 1 + 2 * slot + far
         self._taken = TAKEN + 1 + 2 * slot + (not far)
+        if not far:
+            self.answered_all()
+            self.ended()
 
     def sent(self) -> None:
         """Count a message, before it is sent."""
@@ -185,6 +191,11 @@ class LinkCounts:
         """Count a message as taken whose answer has come: the far end does not count it."""
         if self._page is not None:
             self._page[self._sent + TAKEN] += 1
+
+    def answered_all(self) -> None:
+        """Count all that this end has sent as taken."""
+        if self._page is not None:
+            self._page[self._sent + TAKEN] = self._page[self._sent]
 
     def ended(self) -> None:
         """Count all that the other end has sent as taken: no more will come."""

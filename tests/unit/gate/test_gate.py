@@ -178,6 +178,19 @@ def test_the_clock_stands_while_a_message_is_under_way(gate: Stepping) -> None:
             soon(client)
 
 
+def test_what_a_killed_program_had_sent_holds_no_time_once_another_takes_its_place(
+    gate: Stepping,
+) -> None:
+    own = SteppedTime(1.0, SINCE_NS, gate.time.folder, slot=7)
+    LinkCounts(own).sent()
+    LinkCounts(gate.time, far_slot=7).sent()
+    with GateClientOf(gate) as client:
+        client.wait_for(gate.time.now_ns() + 1)
+        assert stands(gate.time)
+        LinkCounts(own)
+        soon(client)
+
+
 def test_the_clock_goes_with_the_wall_while_a_program_asks_for_it(gate: Stepping) -> None:
     starting, client = GateClient(gate.time), GateClient(gate.time)
     began_s = time.monotonic()
