@@ -26,6 +26,7 @@ PRODUCT = (
 RINGS = ("applications", "evidence", "views")  # around the core
 NAMES_AROUND = ("applications.", "evidence.")
 ALL = (*PRODUCT, "qmn", *RINGS, "tests")
+MOST_LINES = 540
 GRPC = ("dispatcher", "hosts/hardware", "qswitch_agent", "qmn", "wire")
 
 
@@ -56,44 +57,44 @@ def sources(folder: str) -> list[Path]:
     return [file for file in (ROOT / folder).rglob("*.py") if "_pb2" not in file.name]
 
 
-@pytest.mark.parametrize("folder", PRODUCT)
-def test_a_product_folder_imports_only_wire_programs_and_itself(folder: str) -> None:
-    assert sources(folder)
-    shared = {"wire"} if folder == "wire" else {"wire", "programs"}
-    for file in sources(folder):
-        ours = {name.split(".")[0] for name in imports(file)} & set(ALL)
-        assert ours <= {*shared, folder}, file
+def test_a_product_folder_imports_only_wire_programs_and_itself() -> None:
+    for folder in PRODUCT:
+        assert sources(folder)
+        shared = {"wire"} if folder == "wire" else {"wire", "programs"}
+        for file in sources(folder):
+            ours = {name.split(".")[0] for name in imports(file)} & set(ALL)
+            assert ours <= {*shared, folder}, file
 
 
-@pytest.mark.parametrize("folder", [*PRODUCT, "qmn", "views"])
-def test_the_core_names_no_package_around_it(folder: str) -> None:
+def test_the_core_names_no_package_around_it() -> None:
     """It finds them by their entry points; only the command line itself draws views."""
-    others = set(RINGS) - ({"views"} if folder in ("qmn", "views") else set())
-    for file in sources(folder):
-        assert not {name.split(".")[0] for name in imports(file)} & others, file
-        names = [n.value for n in ast.walk(parsed(file)) if isinstance(n, ast.Constant)]
-        assert not [n for n in names if isinstance(n, str) and n.startswith(NAMES_AROUND)], file
+    for folder in [*PRODUCT, "qmn", "views"]:
+        others = set(RINGS) - ({"views"} if folder in ("qmn", "views") else set())
+        for file in sources(folder):
+            assert not {name.split(".")[0] for name in imports(file)} & others, file
+            names = [n.value for n in ast.walk(parsed(file)) if isinstance(n, ast.Constant)]
+            assert not [n for n in names if isinstance(n, str) and n.startswith(NAMES_AROUND)], file
 
 
-@pytest.mark.parametrize("folder", [folder for folder in PRODUCT if folder != "topologies"])
-def test_only_topologies_imports_mininet(folder: str) -> None:
-    for file in sources(folder):
-        assert "mininet" not in {name.split(".")[0] for name in imports(file)}, file
+def test_only_topologies_imports_mininet() -> None:
+    for folder in [folder for folder in PRODUCT if folder != "topologies"]:
+        for file in sources(folder):
+            assert "mininet" not in {name.split(".")[0] for name in imports(file)}, file
 
 
-@pytest.mark.parametrize("folder", PRODUCT)
-def test_grpc_stays_where_it_belongs(folder: str) -> None:
-    for file in sources(folder):
-        path = str(file.relative_to(ROOT))
-        loads_grpc = any(name == "grpc" or name.endswith("_pb2_grpc") for name in imports(file))
-        assert not loads_grpc or path.startswith(GRPC), file
+def test_grpc_stays_where_it_belongs() -> None:
+    for folder in PRODUCT:
+        for file in sources(folder):
+            path = str(file.relative_to(ROOT))
+            loads_grpc = any(name == "grpc" or name.endswith("_pb2_grpc") for name in imports(file))
+            assert not loads_grpc or path.startswith(GRPC), file
 
 
-@pytest.mark.parametrize("folder", PRODUCT)
-def test_no_framework_of_controllers_is_loaded_but_by_name(folder: str) -> None:
-    for file in sources(folder):  # to load one takes a third of a second
-        packages = {name.partition(".")[0] for name in imports(file)}
-        assert packages.isdisjoint({"os_ken", "ryu"}), file
+def test_no_framework_of_controllers_is_loaded_but_by_name() -> None:
+    for folder in PRODUCT:
+        for file in sources(folder):  # to load one takes a third of a second
+            packages = {name.partition(".")[0] for name in imports(file)}
+            assert packages.isdisjoint({"os_ken", "ryu"}), file
 
 
 def test_wire_imports_nothing_by_itself() -> None:
@@ -216,13 +217,13 @@ def test_what_carries_protocols_out_is_still_there() -> None:
     assert not {name for name in CARRIERS if not (SERVICES / name).exists()}
 
 
-@pytest.mark.parametrize("file", PROTOCOLS, ids=lambda file: f"{file.parent.name}/{file.name}")
-def test_a_protocol_knows_no_socket_clock_or_thread(file: Path) -> None:
-    for used in with_all_it_imports(file):
-        edges = {"asyncio", "socket", "time", "threading", "grpc", "hosts.network_loop"}
-        assert not edges & set(imports(used)), used
-    waits = ast.AsyncFunctionDef | ast.Await | ast.AsyncFor | ast.AsyncWith
-    assert not any(isinstance(node, waits) for node in ast.walk(parsed(file)))
+def test_a_protocol_knows_no_socket_clock_or_thread() -> None:
+    for file in PROTOCOLS:
+        for used in with_all_it_imports(file):
+            edges = {"asyncio", "socket", "time", "threading", "grpc", "hosts.network_loop"}
+            assert not edges & set(imports(used)), used
+        waits = ast.AsyncFunctionDef | ast.Await | ast.AsyncFor | ast.AsyncWith
+        assert not any(isinstance(node, waits) for node in ast.walk(parsed(file))), file
 
 
 def with_all_it_imports(file: Path) -> set[Path]:
@@ -236,11 +237,11 @@ def with_all_it_imports(file: Path) -> set[Path]:
     return found
 
 
-@pytest.mark.parametrize("folder", ALL)
-def test_the_docstring_of_a_module_says_what_the_module_is(folder: str) -> None:
-    for file in sources(folder):
-        words = (ast.get_docstring(parsed(file)) or "").split()
-        assert not words or words[0] not in ("What", "Which"), file
+def test_the_docstring_of_a_module_says_what_the_module_is() -> None:
+    for folder in ALL:
+        for file in sources(folder):
+            words = (ast.get_docstring(parsed(file)) or "").split()
+            assert not words or words[0] not in ("What", "Which"), file
 
 
 def test_which_openflow_error_answers_what_stands_in_one_table() -> None:
@@ -290,11 +291,11 @@ def times(file: Path) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize("folder", ALL[:-1])
-def test_each_process_has_its_waits_in_one_table(folder: str) -> None:
-    for file in sources(folder):
-        allowed = NOT_WAITS.get(str(file.relative_to(ROOT)), set())
-        assert file.name == "timeouts.py" or times(file) == allowed, file
+def test_each_process_has_its_waits_in_one_table() -> None:
+    for folder in ALL[:-1]:
+        for file in sources(folder):
+            allowed = NOT_WAITS.get(str(file.relative_to(ROOT)), set())
+            assert file.name == "timeouts.py" or times(file) == allowed, file
 
 
 def test_every_verb_is_a_module_and_verbs_have_no_other() -> None:
@@ -324,12 +325,12 @@ IS_NO = re.compile(r"(?<![Tt]here )\b(is|are) no (?!more\b|longer\b|sooner\b|ear
 LUA_TEXT = re.compile(r'"[^"\n]*"')
 
 
-@pytest.mark.parametrize("folder", ALL[:-1])
-def test_names_are_plain_words(folder: str) -> None:
-    for file in sources(folder):
-        for node in ast.walk(parsed(file)):
-            name = getattr(node, "name", getattr(node, "attr", getattr(node, "id", None)))
-            assert not isinstance(name, str) or not NOT_NAMES.search(name), (file, name)
+def test_names_are_plain_words() -> None:
+    for folder in ALL[:-1]:
+        for file in sources(folder):
+            for node in ast.walk(parsed(file)):
+                name = getattr(node, "name", getattr(node, "attr", getattr(node, "id", None)))
+                assert not isinstance(name, str) or not NOT_NAMES.search(name), (file, name)
 
 
 def texts(file: Path) -> Iterator[str]:
@@ -349,20 +350,25 @@ def texts(file: Path) -> Iterator[str]:
             yield str(node.value)
 
 
-@pytest.mark.parametrize("folder", ALL[:-1])
-def test_what_something_is_not_is_said_plainly(folder: str) -> None:
-    for file in sources(folder):
-        for text in texts(file):
-            assert not IS_NO.search(text), (file, text)
-    for file in (ROOT / folder).rglob("*.lua"):
-        for text in LUA_TEXT.findall(file.read_text()):
-            assert not IS_NO.search(text), (file, text)
+def test_what_something_is_not_is_said_plainly() -> None:
+    for folder in ALL[:-1]:
+        for file in sources(folder):
+            for text in texts(file):
+                assert not IS_NO.search(text), (file, text)
+        for file in (ROOT / folder).rglob("*.lua"):
+            for text in LUA_TEXT.findall(file.read_text()):
+                assert not IS_NO.search(text), (file, text)
 
 
 PAGES = (*ROOT.glob("*.md"), *ROOT.glob("*/*.md"), *ROOT.glob("labs/*/*.md"))
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_pages_say_plainly_what_something_is_not(page: Path) -> None:
-    found = IS_NO.search(" ".join(page.read_text().split()))
-    assert found is None, found.string[max(found.start() - 40, 0) : found.end() + 40]
+def test_pages_say_plainly_what_something_is_not() -> None:
+    for page in PAGES:
+        found = IS_NO.search(" ".join(page.read_text().split()))
+        assert found is None, (page, found.string[max(found.start() - 40, 0) : found.end() + 40])
+
+
+def test_no_file_of_tests_is_longer_than_one_of_the_product() -> None:
+    for file in sources("tests"):
+        assert len(file.read_text().splitlines()) <= MOST_LINES, file

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import pytest
+from arbiter_scene import LATER, answer, arrive, fin, notes, opened
 from metadata_scene import ALICE, BOB, CHARLIE, FRAMED, HOLD_S, IDLE_S, Q1, S1, arbiter, frame
-from test_controller_arbiter import LATER, answer, arrive, fin, notes, opened
 
 from controller_apps.light.paths import Hop
 from controller_apps.policy.reading import parse_policy

@@ -4,8 +4,8 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from arbiter_scene import LATER, answer, ask, granted, notes, opened
 from metadata_scene import ALICE, BOB, CHARLIE, FRAMED, PAIR_SOURCE, Q1, S1, arbiter, frame
-from test_controller_arbiter import LATER, answer, ask, granted, notes, opened
 
 from controller_apps.light.optics import SwitchOptics, SwitchPort
 from controller_apps.light.paths import Hop, HostPort

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 from five_sigma import within
+from heralding_scene import SCHEMES, correlations, heralded, in_fock_space, scene
 from numpy.typing import NDArray
 from test_beam_splitter import TO_RELAY
-from test_heralding import SCHEMES, correlations, heralded, in_fock_space, scene
 from test_polarization import FAST, kept, matrix, quaternions
 
 from dispatcher.approximations import LOSS_OF_POLARISATION, MODE_DISPERSION

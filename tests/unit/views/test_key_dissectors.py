@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from dissection import found, segment, shown, tshark
-from test_dissectors import SEED, SETUP, mutated, plain
+from dissector_scene import SEED, SETUP, mutated, plain
 from test_qkd import GOLDEN, SEQUENCE, SESSION, TAG, WRONG, whole
 
 from views.dissection.layout import Layout, key_layouts

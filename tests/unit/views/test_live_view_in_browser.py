@@ -1,75 +1,28 @@
 """The live view as Chromium shows it: large and small, by mouse and keyboard, to its end."""
 
-import os
 import re
-import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from live_page import browser, live, served
-from playwright.sync_api import Browser, Page, expect
+from live_page import live, served
+from live_view_scene import DEADLINE_MS, SESSION, light, opened, tell
+from live_view_scene import chromium as chromium
+from live_view_scene import said as said
+from playwright.sync_api import Browser, expect
 from recorded_run import NETWORK, START_NS, record_run
 
 from qmn.running.key_links import KeyLink
 from views.live import acts, pace
-from views.live.address import Place
 from views.live.layout import described
-from views.live.pages import Pages
 from views.live.server import View
 from views.live.sources import timeline_of_run
 from views.report.run_facts import read_result
-from wire.config import QuantumSwitch
-from wire.parameters.fiber import Fiber, FiberEnd
 
-SESSION = "18f3be73bfbdb225"
-DEADLINE_MS = 30_000
 expect.set_options(timeout=DEADLINE_MS)
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Browser]:
-    with browser() as started:
-        yield started
-
-
-@pytest.fixture
-def said() -> Iterator[list[str]]:
-    """Errors of scripts, and words to the browser's console: there are none at the end."""
-    heard: list[str] = []
-    yield heard
-    assert heard == []
-
-
-def opened(chromium: Browser, url: str, said: list[str], **options: Any) -> Page:
-    """Open the page."""
-    page = chromium.new_page(**options)
-    page.set_default_timeout(DEADLINE_MS)
-    page.on("pageerror", lambda error: said.append(str(error)))
-    page.on("console", lambda message: said.append(message.text))
-    page.goto(url)
-    return page
-
-
-def tell(view: View, t: float, kind: str, node: str, **fields: Any) -> None:
-    """Let something happen at a time, in seconds."""
-    view.timeline.add("event", START_NS + round(t * 1e9), {"node": node, "kind": kind, **fields})
-
-
-def light(view: View, t: float) -> None:
-    """Open the path of the recorded network from alice to bob, and send light over it."""
-    tell(view, t, "open", "q1", port="2", detail="2 -> 3")
-    tell(view, t, "open", "q2", port="1", detail="1 -> 2")
-    block = {"session": SESSION, "block": 1, "half": 0, "photons": 100}
-    tell(view, t, "create", "alice", **block)
-    tell(view, t, "send", "alice", port="alice-q0", **block)
-    tell(view, t + 0.001, "arrive", "bob", port="bob-q0", lost=40, **block)
-    tell(view, t + 0.002, "store", "bob", **block)
 
 
 def test_a_finished_run_is_shown_at_any_time(
@@ -497,99 +450,6 @@ def test_nothing_can_be_done_in_a_view_to_be_looked_at(
         page.close()
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [390, 1600])
-def test_it_fits_a_phone_and_a_screen(
-    chromium: Browser, tmp_path: Path, said: list[str], width: int, scheme: Any
-) -> None:
-    view = live(tmp_path)
-    light(view, 0.1)
-    with served(view) as url:
-        page = opened(
-            chromium, url, said, viewport={"width": width, "height": 800}, color_scheme=scheme
-        )
-        expect(page.locator(".fiber.lit")).to_have_count(3)
-        overflow = "document.documentElement.scrollWidth - window.innerWidth"
-        assert page.evaluate(f"() => {overflow}") <= 0
-        name = page.locator(".node text", has_text="alice").bounding_box()
-        assert name is not None
-        assert name["height"] >= 9  # px: it can be read (7 by the font of large screens)
-        dark = page.evaluate("() => getComputedStyle(document.body).backgroundColor")
-        assert (dark == "rgb(255, 255, 255)") == (scheme == "light")
-        page.close()
-
-
-def test_everything_has_a_name_for_who_does_not_see_it(
-    chromium: Browser, tmp_path: Path, said: list[str]
-) -> None:
-    with served(live(tmp_path)) as url:
-        page = opened(chromium, url, said)
-        page.get_by_role("button", name="quantum switch q1").click()
-        nameless = page.evaluate(
-            """() => [...document.querySelectorAll('button, input, select, [role=button]')]
-            .filter(each => !(each.ariaLabel || each.textContent.trim() || each.labels?.length))
-            .map(each => each.outerHTML)"""
-        )
-        assert nameless == []
-        for _ in range(60):  # by the keyboard alone one comes to every node
-            page.keyboard.press("Tab")
-            label = page.evaluate("() => document.activeElement.ariaLabel ?? ''")
-            if label == "host bob":
-                break
-        assert label == "host bob"
-        page.close()
-
-
-BOX = "document.getElementById('network').viewBox.baseVal"
-
-
-def box(page: Page) -> list[float]:
-    """Return which part of the drawing is seen: left, top, width, height."""
-    text = page.locator("#network").get_attribute("viewBox")
-    assert text is not None
-    return [float(each) for each in text.split()]
-
-
-def place(page: Page, name: str) -> tuple[float, float]:
-    """Return where a node is on the screen."""
-    found = page.get_by_role("button", name=name).bounding_box()
-    assert found is not None
-    return found["x"] + found["width"] / 2, found["y"] + found["height"] / 2
-
-
-def test_the_drawing_is_zoomed_by_buttons_and_wheel_and_dragged(
-    chromium: Browser, tmp_path: Path, said: list[str]
-) -> None:
-    with served(live(tmp_path)) as url:
-        page = opened(chromium, url, said)
-        expect(page.locator("#status")).to_have_text("live")
-        whole = box(page)
-        page.get_by_role("button", name="zoom in").click()
-        left, top, width, height = box(page)
-        assert width == pytest.approx(whole[2] / 1.3)
-        assert left + width / 2 == pytest.approx(whole[0] + whole[2] / 2)  # the middle stays
-        assert top + height / 2 == pytest.approx(whole[1] + whole[3] / 2)
-        page.get_by_role("button", name="zoom out").click()
-        assert box(page) == pytest.approx(whole)
-        x, y = place(page, "host alice")
-        page.mouse.move(x, y)
-        page.mouse.wheel(0, -100)
-        page.wait_for_function(f"() => {BOX}.width < {whole[2]}")
-        assert place(page, "host alice") == pytest.approx((x, y), abs=2)  # what is pointed at stays
-        ground = page.locator("#network").bounding_box()
-        assert ground is not None
-        corner = ground["x"] + 3, ground["y"] + 3
-        page.mouse.move(*corner)
-        page.mouse.down()
-        page.mouse.move(corner[0] + 60, corner[1] + 40, steps=4)
-        page.mouse.up()
-        page.mouse.move(*corner)  # no button is down any more
-        assert place(page, "host alice") == pytest.approx((x + 60, y + 40), abs=2)
-        page.get_by_role("button", name="whole network").click()
-        assert box(page) == pytest.approx(whole)
-        page.close()
-
-
 def test_a_network_that_goes_on_can_be_paused_and_played_at_another_speed(
     chromium: Browser, tmp_path: Path, said: list[str]
 ) -> None:
@@ -615,218 +475,4 @@ def test_a_network_that_goes_on_can_be_paused_and_played_at_another_speed(
         page.get_by_role("button", name="latest").click()
         expect(clock).to_have_text("100.000 s")
         expect(page.locator("#status")).to_have_text("live")
-        page.close()
-
-
-SERVER = """import asyncio, sys
-from pathlib import Path
-from live_page import ANYWHERE, live
-from views.live.server import serve
-asyncio.run(serve(live(Path(sys.argv[1])), ANYWHERE, lambda url: print(url, flush=True)))
-"""
-
-
-def test_a_server_that_dies_is_told(chromium: Browser, tmp_path: Path) -> None:
-    command = [sys.executable, "-c", SERVER, str(tmp_path)]
-    path = os.pathsep.join(each for each in sys.path if each)
-    environment = {**os.environ, "PYTHONPATH": path}
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as server:
-        assert server.stdout is not None
-        page = chromium.new_page()
-        page.goto(server.stdout.readline().strip())
-        expect(page.locator("#status")).to_have_text("live")
-        server.kill()
-        expect(page.locator("#status")).to_have_text("no connection: has the network ended?")
-        page.close()
-
-
-@contextmanager
-def served_in(pages: Pages, tmp_path: Path, name: str) -> Iterator[View]:
-    """Serve the page of one network of a command, as `live_view` has it done."""
-    view = replace(live(tmp_path), name=name)
-    with pages.one_more(name) as number:
-        place = Place(pages.port, Path(pages.socket(number)), pages.secret, number)
-        with served(view, place):
-            yield view
-
-
-@contextmanager
-def address_of_command(folder: Path) -> Iterator[tuple[Pages, str]]:
-    """Serve the address of a command of several networks; yield where they are kept, and it."""
-    folder.mkdir()
-    program = [sys.executable, "-m", "views.live.command_page", str(folder)]
-    root = Path(acts.__file__).parents[2]
-    with subprocess.Popen(program, stdout=subprocess.PIPE, text=True, cwd=root) as server:
-        assert server.stdout is not None
-        try:
-            yield Pages(folder), server.stdout.readline().strip().partition(": ")[2]
-        finally:
-            server.terminate()
-    assert not folder.exists()
-
-
-def test_the_page_of_a_command_goes_from_network_to_network(
-    chromium: Browser, tmp_path: Path
-) -> None:
-    with address_of_command(tmp_path / "pages") as (pages, url):
-        page = chromium.new_page()
-        page.set_default_timeout(DEADLINE_MS)
-        page.goto(url)
-        status, name, networks = map(page.locator, ("[role=status]", "h1", "#networks option"))
-        expect(status).to_contain_text("No network of this command runs yet.")
-        with served_in(pages, tmp_path, "first") as view:
-            expect(name).to_have_text("network 1: first")
-            expect(status.first).to_have_text("live: network 1")
-            light(view, 1.0)
-            expect(page.locator("#memories tbody tr")).to_have_count(1)
-        expect(status.first).to_have_text("network 1 has ended, the next one has not started yet")
-        expect(page.locator("#memories tbody tr")).to_have_count(1)  # it can still be looked at
-        with served_in(pages, tmp_path, "second"):
-            expect(name).to_have_text("network 2: second")
-            expect(status.first).to_have_text("live: network 2; 1 before it has ended")
-            expect(page.locator("#memories")).to_have_text("No qubit is in a memory.")
-            with served_in(pages, tmp_path, "third"):
-                expect(networks).to_have_text(["2: second", "3: third"])
-                expect(name).to_have_text("network 2: second")  # which goes on
-                page.get_by_label("of this command").select_option("3")
-                expect(name).to_have_text("network 3: third")
-                page.get_by_role("button", name="pause").click()
-            text = "network 3 has ended, and network 2 runs: see latest"
-            expect(status.first).to_have_text(text)
-            page.get_by_role("button", name="latest").click()
-            expect(name).to_have_text("network 2: second")
-        page.reload()  # of a network that is over, when none runs
-        expect(status).to_contain_text("Network 3, third, has ended.")
-        with served_in(pages, tmp_path, "fourth"):
-            expect(name).to_have_text("network 4: fourth")
-        expect(status.first).to_contain_text("network 4 has ended")
-    expect(status.first).to_have_text("network 4 has ended, and its command")
-    page.close()
-
-
-def test_a_page_that_waits_for_a_network_hears_that_its_command_has_ended(
-    chromium: Browser, tmp_path: Path, said: list[str]
-) -> None:
-    with address_of_command(tmp_path / "pages") as (_pages, url):
-        page = opened(chromium, url, said)
-        status = page.locator("[role=status]")
-        expect(status).to_contain_text("No network of this command runs yet.")
-        with page.expect_request(re.compile(r"/networks\?next$")):
-            page.reload()
-        # That question may only be on its way; a browser's next one comes after it.
-        assert page.evaluate("async () => (await fetch('networks')).status") == 200
-    expect(status).to_have_text("No network of this command runs yet. So has its command.")
-    page.close()
-
-
-def test_a_network_waits_for_a_page_that_is_being_opened(
-    chromium: Browser, tmp_path: Path, said: list[str]
-) -> None:
-    """One can be over before its page has asked for what happened in it."""
-    view = live(tmp_path)
-    light(view, 1.0)
-    with served(view) as url:
-        page = chromium.new_page()
-        page.on("pageerror", lambda error: said.append(str(error)))
-        page.goto(url, wait_until="commit")  # its address has been answered, and nothing else
-    expect(page.locator("#status")).to_have_text("the network has ended")
-    expect(page.locator("#memories tbody tr")).to_have_count(1)
-    page.close()
-
-
-def overlaps(page: Page, selector: str) -> list[str]:
-    """Return pairs of what is seen of these whose boxes on the screen overlap by over a pixel."""
-    seen = [each for each in page.locator(selector).all() if each.is_visible()]
-    boxes = [(each.text_content(), each.bounding_box()) for each in seen]
-    found = []
-    for number, (name, one) in enumerate(boxes):
-        for other, two in boxes[:number]:
-            assert one is not None
-            assert two is not None
-            across = max(one["x"] - two["x"] - two["width"], two["x"] - one["x"] - one["width"])
-            down = max(one["y"] - two["y"] - two["height"], two["y"] - one["y"] - one["height"])
-            if max(across, down) < -1:
-                found.append(f"{name} {other}")
-    return found
-
-
-@pytest.mark.parametrize("width", [390, 1400])
-def test_no_names_of_a_map_overlap_at_any_zoom(
-    chromium: Browser, tmp_path: Path, said: list[str], width: int
-) -> None:
-    places = [
-        (9.19, 45.46),
-        (9.2, 45.47),
-        (9.22, 45.5),
-        (11.34, 44.49),
-        (12.5, 41.9),
-        (13.36, 38.1),
-    ]
-    names = [f"place{number}" for number in range(len(places))]
-    hosts = {name: f"10.0.0.{number}" for number, name in enumerate(names, 1)}
-    fibers = [Fiber(FiberEnd(name, f"{name}-q0"), FiberEnd(f"q{name}", "1")) for name in names]
-    positions = {f"q{name}": place for name, place in zip(names, places, strict=True)}
-    net = replace(NETWORK, addresses=hosts, source=names[0], fibers=fibers, positions=positions)
-    net = replace(net, switches=[QuantumSwitch(name) for name in positions])
-    net = replace(net, copper=[], copper_switches=[])
-    with served(replace(live(tmp_path), network=described(net))) as url:
-        page = opened(chromium, url, said, viewport={"width": width, "height": 900})
-        expect(page.locator("#status")).to_have_text("live")
-        expect(page.locator("#network")).to_have_class(re.compile("dots"))
-        assert page.locator(".node.named").count() > 1
-        assert overlaps(page, "#network .name") == []
-        for _turn in range(60):
-            if "dots" not in (page.locator("#network").get_attribute("class") or ""):
-                break
-            page.get_by_role("button", name="zoom in").click()
-        assert overlaps(page, "#network rect.box") == []
-        boxes = [each.bounding_box() for each in page.locator("#network rect.box").all()]
-        assert {round(box["width"]) for box in boxes if box} <= {92, 93, 94}  # as large as ever
-        page.get_by_role("button", name="whole network").click()
-        expect(page.locator("#network")).to_have_class(re.compile("dots"))
-        page.close()
-
-
-@pytest.mark.nightly
-def test_columns_lie_on_a_phone_and_stand_on_a_screen(
-    chromium: Browser, tmp_path: Path, said: list[str]
-) -> None:
-    with served(live(tmp_path)) as url:
-        page = opened(chromium, url, said, viewport={"width": 1400, "height": 900})
-        (_, alice), (_, bob) = (place(page, f"host {name}") for name in ("alice", "bob"))
-        assert abs(alice - bob) > 40  # one below the other
-        page.set_viewport_size({"width": 390, "height": 844})
-        expect(page.locator("#network")).to_have_class("turned")  # and not far
-        (_, alice), (_, bob) = (place(page, f"host {name}") for name in ("alice", "bob"))
-        assert alice == pytest.approx(bob, abs=1)  # side by side
-        page.close()
-
-
-@pytest.mark.nightly
-def test_a_network_of_a_thousand_hosts_is_drawn_and_can_be_read_from_near(
-    chromium: Browser, tmp_path: Path, said: list[str]
-) -> None:
-    switches = [QuantumSwitch(f"q{n}") for n in range(32)]
-    fibers = [
-        Fiber(FiberEnd(f"h{n}", f"h{n}-q0"), FiberEnd(f"q{n % 32}", str(n // 32 + 1)))
-        for n in range(1024)
-    ]
-    hosts = {f"h{n}": f"10.0.{n // 250}.{n % 250}" for n in range(1024)}
-    large = replace(NETWORK, addresses=hosts, source="h0", fibers=fibers, switches=switches)
-    large = replace(large, copper=[], copper_switches=[])
-    view = replace(live(tmp_path), network=described(large))
-    with served(view) as url:
-        page = opened(chromium, url, said)
-        expect(page.locator("#status")).to_have_text("live")
-        assert page.locator(".node").count() == 1024 + 32
-        assert page.locator(".fiber").count() == 1024
-        x, y = place(page, "host h700")
-        page.mouse.move(x, y)
-        for _turn in range(40):
-            page.mouse.wheel(0, -100)
-        name = page.locator(".node text", has_text="h700")
-        expect(name).to_be_visible()
-        page.wait_for_function("() => !document.getElementById('network').matches('.far')")
-        page.get_by_role("button", name="host h700").click()
-        expect(page.locator("#chosen")).to_contain_text("h700")
         page.close()

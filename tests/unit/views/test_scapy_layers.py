@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 from dissection import INTERFACES, datagram, segment
+from dissector_scene import DEVICES, EVENT, KEY, METADATA, SEED, SETUP
 from scapy.layers.l2 import Ether
 from scapy.utils import rdpcap, wrpcap
-from test_dissectors import DEVICES, EVENT, KEY, METADATA, SEED, SETUP
 from test_key_dissectors import MESSAGES, cut, envelope
 from test_qkd import SEQUENCE, SESSION, TAG, whole
 
