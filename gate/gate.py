@@ -82,7 +82,7 @@ class Gate:
         self._watched, self._watched_since_s = watched, 0.0
         self._wall_ns = 0  # when the clock was set by the wall last; 0: it does not go with it
         self._stepped_since_ns = since_ns
-        self._held_since_s = 0.0  # by the wall; 0: it is not; inf: that was said
+        self._held_since_s = 0.0  # by the wall; 0: it is not; inf: it was reported
         self._poller = select.epoll()
         self._clients: dict[int, Client] = {}  # by descriptor
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)

@@ -57,18 +57,15 @@ def understood(words: list[str]) -> bool:
     return True
 
 
-@pytest.mark.parametrize("name", NAMES)
 def test_every_qmn_command_is_one(
-    name: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for run in ("latest", "20261122T015233-sdc"):
         (tmp_path / "runs" / run).mkdir(parents=True)
     monkeypatch.chdir(tmp_path)
-    for words in commands(name, "qmn"):
-        assert understood(words), f"qmn {' '.join(words)}: {capsys.readouterr().err}"
+    for name in NAMES:
+        for words in commands(name, "qmn"):
+            assert understood(words), f"qmn {' '.join(words)}: {capsys.readouterr().err}"
 
 
 def test_commands_are_found() -> None:
@@ -76,24 +73,24 @@ def test_commands_are_found() -> None:
     assert len({name for name, _words in CALLS}) > 12
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_every_make_command_has_a_target(name: str) -> None:
-    for words in commands(name, "make"):
-        targets = [word for word in words if "=" not in word]
-        for target in targets:
-            assert re.search(rf"^{target}:", MAKEFILE, re.MULTILINE), f"{name}: make {target}"
-        for variable in [word.partition("=")[0] for word in words if "=" in word]:
-            assert f"  {variable}=" in MAKEFILE, f"{name}: {variable}="
+def test_every_make_command_has_a_target() -> None:
+    for name in NAMES:
+        for words in commands(name, "make"):
+            targets = [word for word in words if "=" not in word]
+            for target in targets:
+                assert re.search(rf"^{target}:", MAKEFILE, re.MULTILINE), f"{name}: make {target}"
+            for variable in [word.partition("=")[0] for word in words if "=" in word]:
+                assert f"  {variable}=" in MAKEFILE, f"{name}: {variable}="
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_every_link_and_every_file_that_is_named_is_there(name: str) -> None:
-    text = (ROOT / name).read_text()
-    for link in re.findall(r"\]\(([^)#:]+)(?:#[\w-]+)?\)", text):
-        assert (ROOT / name).parent.joinpath(link).exists(), f"{name}: {link}"
-    for file in re.findall(PATH, text):
-        if file not in ADDED_BY_READERS:
-            assert (ROOT / file).exists(), f"{name}: {file}"
+def test_every_link_and_every_file_that_is_named_is_there() -> None:
+    for name in NAMES:
+        text = (ROOT / name).read_text()
+        for link in re.findall(r"\]\(([^)#:]+)(?:#[\w-]+)?\)", text):
+            assert (ROOT / name).parent.joinpath(link).exists(), f"{name}: {link}"
+        for file in re.findall(PATH, text):
+            if file not in ADDED_BY_READERS:
+                assert (ROOT / file).exists(), f"{name}: {file}"
 
 
 def test_paths_are_found_inside_commands_and_blocks() -> None:
@@ -101,12 +98,12 @@ def test_paths_are_found_inside_commands_and_blocks() -> None:
     assert re.findall(PATH, text) == ["tests/unit/a.py", "docker/run", "copper/c/"]
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name.startswith("docs/")])
-def test_every_page_begins_with_who_needs_it(name: str) -> None:
-    title, blank, first = (ROOT / name).read_text().splitlines()[:3]
-    assert title.startswith("# ")
-    assert blank == ""
-    assert first.startswith("For anyone who ")
+def test_every_page_begins_with_who_needs_it() -> None:
+    for name in [name for name in NAMES if name.startswith("docs/")]:
+        title, blank, first = (ROOT / name).read_text().splitlines()[:3]
+        assert title.startswith("# "), name
+        assert blank == "", name
+        assert first.startswith("For anyone who "), name
 
 
 def test_every_page_is_in_the_readme_which_stays_short() -> None:
