@@ -62,10 +62,10 @@ def code(script: str) -> list[str]:
     return lines if end is None else lines[: next(n for n, line in enumerate(lines) if end in line)]
 
 
-@pytest.mark.parametrize("what", NEWER)
-def test_what_is_newer_is_recognised(what: str) -> None:
-    pattern, line = NEWER[what]
-    assert re.search(pattern, line)
+def test_what_is_newer_is_recognised() -> None:
+    for what in NEWER:
+        pattern, line = NEWER[what]
+        assert re.search(pattern, line)
 
 
 @pytest.mark.parametrize("script", SCRIPTS)

@@ -227,6 +227,7 @@ class Oracle:
         self.bits[bit] = outcome
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("seed", range(20))
 def test_random_circuits_with_feed_forward_agree_with_stim(seed: int, backend: str) -> None:

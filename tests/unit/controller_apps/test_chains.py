@@ -161,6 +161,7 @@ def test_each_repeater_is_told_whom_it_waits_for_and_who_waits_for_it() -> None:
     ]
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("name", SCHEDULES)
 @pytest.mark.parametrize("repeaters", [*range(1, 17), 63, 64])
 def test_every_order_of_every_schedule_can_be_sent_and_no_notice_is_lost(

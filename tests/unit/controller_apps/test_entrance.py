@@ -35,13 +35,13 @@ def test_whole_messages_pass_wherever_they_are_cut() -> None:
         assert first + messages.feed(said[cut:]) == said
 
 
-@pytest.mark.parametrize("cut", range(33))
-def test_no_word_of_another_switch_passes(cut: int) -> None:
-    messages, said = SwitchMessages([0x1001]), features(1)
-    passed = messages.feed(said[:cut]) if cut < 32 else b""
-    assert passed == b""
-    with pytest.raises(Impostor, match="0x1"):
-        messages.feed(said[cut:] if cut < 32 else said)
+def test_no_word_of_another_switch_passes() -> None:
+    for cut in range(33):
+        messages, said = SwitchMessages([0x1001]), features(1)
+        passed = messages.feed(said[:cut]) if cut < 32 else b""
+        assert passed == b""
+        with pytest.raises(Impostor, match="0x1"):
+            messages.feed(said[cut:] if cut < 32 else said)
 
 
 @pytest.mark.parametrize("said", ["0500000700000001", "0506000f00000001" + 7 * "00"])

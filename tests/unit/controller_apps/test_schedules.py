@@ -18,6 +18,7 @@ def rounds(turns: Schedule) -> dict[int, int]:
     return {place: of(place) for place in turns}
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("name", SCHEDULES)
 @pytest.mark.parametrize("repeaters", range(1, 17))
 def test_every_repeater_has_a_turn_after_others_on_its_two_sides(name: str, repeaters: int) -> None:

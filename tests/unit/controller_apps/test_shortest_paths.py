@@ -55,6 +55,7 @@ def random_network(random: Random) -> tuple[Network, networkx.Graph]:
     return network, graph
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("seed", range(20))
 def test_the_path_of_least_loss_is_that_of_networkx(seed: int) -> None:
     random = Random(seed)
@@ -68,6 +69,7 @@ def test_the_path_of_least_loss_is_that_of_networkx(seed: int) -> None:
         assert found.loss_mdb == networkx.dijkstra_path_length(graph, one, f"end of {other}")
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("seed", range(20))
 def test_where_others_have_fibres_the_path_is_that_of_networkx_over_the_rest(seed: int) -> None:
     random = Random(seed)

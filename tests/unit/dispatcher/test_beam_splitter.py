@@ -57,6 +57,7 @@ def amplitudes(number: int, mean: float) -> np.ndarray:
     return np.array([each * mean**0.5 for each in AMPLITUDES[number]], complex)
 
 
+@pytest.mark.by_day(every=5)
 @pytest.mark.parametrize(("one", "other"), list(product(range(6), repeat=2)))
 def test_photons_leave_as_the_mean_over_the_phases_of_lasers_says(one: int, other: int) -> None:
     """Poisson pulses of a mean are the mean over phases: no number of photons is known there."""

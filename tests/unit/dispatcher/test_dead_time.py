@@ -18,6 +18,7 @@ def one_by_one(clicks: Mask, dead_slots: int) -> Mask:
     return found
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("count", [1, 2, 3, 10, 97, 3_000])
 @pytest.mark.parametrize("probability", [0.0, 0.01, 0.3, 1.0])
 @pytest.mark.parametrize("dead_slots", [0, 1, 2, 3, 50, 2_000])

@@ -80,6 +80,7 @@ def test_controlled_gates_are_their_permutation_and_signs() -> None:
     assert np.allclose(state.amplitudes, before[:, index] * [1, 1, 1, -1, 1, 1, 1, -1])
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("name", ["RX", "RY", "RZ"])
 @pytest.mark.parametrize("quarters", range(-5, 6))
 def test_quarter_turns_are_clifford_gates(name: GateName, quarters: int) -> None:

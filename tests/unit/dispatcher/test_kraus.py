@@ -115,6 +115,7 @@ def act(
     uvloop.run(inside())
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("bases", list(product(range(5), repeat=2)))
 def test_channels_on_both_halves_of_pairs_are_exact(bases: tuple[int, int]) -> None:
     """Two channels without any symmetry, one after the other, in each pair of bases."""

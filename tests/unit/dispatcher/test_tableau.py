@@ -92,7 +92,7 @@ def random_pauli(random: Generator, tableau: Tableau, simulator: TableauSimulato
     simulator.do(stim.CircuitInstruction(PAULIS[pauli], [qubit]))
 
 
-@pytest.mark.by_day(every=4)
+@pytest.mark.by_day(every=6)
 @pytest.mark.parametrize("seed", range(300))
 def test_random_circuits_agree_with_stim(seed: int) -> None:
     random = np.random.default_rng(seed)
@@ -111,6 +111,7 @@ def test_random_circuits_agree_with_stim(seed: int) -> None:
     assert group_of(tableau) == group_of_stim(simulator)
 
 
+@pytest.mark.by_day(every=5)
 @pytest.mark.parametrize("seed", range(100))
 def test_discard_leaves_the_state_of_the_others(seed: int) -> None:
     random = np.random.default_rng(seed)
@@ -130,6 +131,7 @@ def test_discard_leaves_the_state_of_the_others(seed: int) -> None:
     assert group_of(tableau) == canonical(rest)
 
 
+@pytest.mark.by_day(every=5)
 @pytest.mark.parametrize("seed", range(100))
 def test_members_of_a_block_are_as_single_runs(seed: int) -> None:
     random = np.random.default_rng(seed)
@@ -155,6 +157,7 @@ def test_members_of_a_block_are_as_single_runs(seed: int) -> None:
         assert block.stabilizers(member) == str(single)
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("seed", range(60))
 def test_tensor_and_factor_undo_each_other(seed: int) -> None:
     random = np.random.default_rng(seed)

@@ -122,6 +122,7 @@ def test_reed_solomon_cuts_data_into_equal_codewords() -> None:
     assert REED_SOLOMON.word_bits(8 * 223) == 8 * 255
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("code", CODES.values(), ids=lambda code: code.name)
 @pytest.mark.parametrize("size", [1, 2, 3, 11, 12, 13, 64, 223, 224, 447, 2048])
 def test_data_of_any_size_comes_back(code: Code, size: int) -> None:

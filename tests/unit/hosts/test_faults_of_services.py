@@ -218,7 +218,7 @@ FORGED: dict[str, Callable[[Message], Any]] = {
 }
 
 
-@pytest.mark.by_day(every=4)
+@pytest.mark.by_day(every=8)
 @services
 @pytest.mark.parametrize("moment", [first_message, first_report], ids=lambda m: m.__name__)
 @pytest.mark.parametrize("forged", list(FORGED))
@@ -233,7 +233,7 @@ def test_what_has_no_place_in_a_session_ends_it(
         assert told.error.reason != Reason.OK
 
 
-@pytest.mark.by_day(every=3)
+@pytest.mark.by_day(every=4)
 @services
 @pytest.mark.parametrize("size", [1, HEADER.size, -1])
 @pytest.mark.parametrize("moment", [first_message, first_report], ids=lambda m: m.__name__)
@@ -277,6 +277,7 @@ def test_a_source_that_is_too_slow_is_named_with_its_rate(
     assert [told.text for told in happens(other, service, slower, devices=devices)] == ["", ""]
 
 
+@pytest.mark.by_day(every=3)
 @services
 @pytest.mark.parametrize(
     ("options", "words"),

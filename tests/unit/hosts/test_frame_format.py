@@ -75,6 +75,7 @@ def test_symbols_that_stand_for_no_eleven_bits_are_erased() -> None:
     assert TRITS.to_bits(np.array(beyond, dtype=np.uint8), 11)[1].all()
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("alphabet", ALPHABETS.values(), ids=lambda a: str(a.symbols))
 @pytest.mark.parametrize("interleaved", [False, True])
 @pytest.mark.parametrize("code", CODES.values(), ids=lambda code: code.name)

@@ -33,6 +33,7 @@ def clicks(pulses: NDArray[np.int64], transmission: float) -> float:
     return float(sum(n * (1 - (1 - transmission) ** k) for k, n in enumerate(pulses.tolist())))
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("expected_db", [0.0, 1.0, 3.0, 8.0, 20.0])
 @pytest.mark.parametrize("onward_db", [0.0, 10.0])
 @pytest.mark.parametrize("mean", [0.05, 0.5, 2.0])

@@ -121,7 +121,7 @@ def _listening(folder: Path, service_name: str) -> QuantumSocket | ServiceSocket
     return waiting
 
 
-@pytest.mark.by_day(every=4)
+@pytest.mark.by_day(every=8)
 @pytest.mark.parametrize(
     ("service_name", "other"),
     # The last node of a chain of repeaters has too few fibres for superdense coding.

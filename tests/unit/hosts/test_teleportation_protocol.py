@@ -199,11 +199,12 @@ def test_a_session_of_which_nothing_arrives_ends_with_a_reason() -> None:
         long.scene.run(long.sending)
 
 
-def test_nothing_is_measured_before_the_bits_have_come_however_they_are_cut() -> None:
+@pytest.mark.parametrize("every", [7, pytest.param(1, marks=pytest.mark.nightly)])
+def test_nothing_is_measured_before_the_bits_have_come_however_they_are_cut(every: int) -> None:
     whole = Ends(count=60)
     whole.run()
     for one, other in ((whole.alice, "bob"), (whole.bob, "alice")):
-        for place in range(1, len(one.sent)):
+        for place in range(1, len(one.sent), every):
             ends = Ends(count=60)
             getattr(ends, other).arrives = place
             ends.run()

@@ -99,6 +99,7 @@ def test_a_network_without_fibres_has_copper_of_no_length() -> None:
     assert lengths(topo) == {"a s1": 0.0}
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("seed", range(30))
 def test_the_centre_is_that_of_looking_at_every_place(seed: int) -> None:
     drawn = random.Random(seed)

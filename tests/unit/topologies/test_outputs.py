@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 from limits import SOON_S
 
+from topologies.system.processes import outputs
+
 ROOT = Path(__file__).parents[3]
 QMN = [sys.executable, "-m", "qmn"]
 # Writes 1 MiB, sixteen times what a pipe of Linux holds (pipe(7)), and cleans up.
@@ -123,7 +125,18 @@ def test_every_verb_has_the_same_rule(
     assert (done.returncode, done.stderr) == (status, said)
 
 
-@pytest.mark.by_day(every=2)
+@pytest.mark.parametrize(
+    ("columns", "width"), [("0", None), ("²", None), ("-1", None), ("80", "80")]
+)
+def test_a_width_that_is_none_is_forgotten(
+    columns: str, width: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    outputs.forget_no_width()
+    assert os.environ.get("COLUMNS") == width
+
+
+@pytest.mark.nightly
 @pytest.mark.parametrize("columns", ["0", "²"])
 def test_a_width_that_is_none_is_no_width(columns: str) -> None:
     def shown(environment: dict[str, str]) -> str:

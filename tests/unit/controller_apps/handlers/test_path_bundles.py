@@ -54,6 +54,7 @@ def by_the_framework(
     return [bytes(message.buf) for message in messages]
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("transaction", [9, (1 << 32) + 1])
 @pytest.mark.parametrize("tuned", [(), (7,)])
 @pytest.mark.parametrize("closed", [(), CLOSED])

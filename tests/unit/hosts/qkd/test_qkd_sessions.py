@@ -202,6 +202,7 @@ LOG = a_log()
 TAMPERED = [*range(8), *range(8, len(LOG) - 5, 9), *range(len(LOG) - 5, len(LOG))]
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("number", TAMPERED)
 @pytest.mark.parametrize("attack", ["flip", "cut", "replay", "swap", "drop"])
 def test_no_end_has_a_key_after_a_message_was_tampered_with(attack: str, number: int) -> None:
