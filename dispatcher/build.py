@@ -19,7 +19,7 @@ from dispatcher.layer.history import MOST_EVENTS, EventCapture, History
 from dispatcher.layer.journal import Journal
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.memory import Memories
-from dispatcher.layer.network import Network, analyser_node
+from dispatcher.layer.network import Network
 from dispatcher.layer.news_delays import NewsDelays
 from dispatcher.layer.ownership import MAX_BLOCKS, Ownership
 from dispatcher.recording.recorder import RecordedClock, Recorder, open_private
@@ -68,12 +68,10 @@ def build_layer(
     then on. Raise BadConfig or BadParameter for what cannot be.
     """
     keep_freed_memory()
-    analysers = {
-        analyser_node(switch.name, number): switch.analyser_device
-        for switch in config.switches
-        for number, _input in switch.inner_ports.values()
-    }
-    devices = Devices({**config.devices, **analysers})
+    devices = dict(config.devices)
+    for switch in config.switches:
+        devices |= switch.inner_devices
+    hardware = Devices(devices)
     if unknown := config.devices.keys() - config.tokens.keys():
         raise BadConfig(f"devices of {', '.join(sorted(unknown))}: there are no such hosts")
     sabot, draws = sabot or Sabot(BACKENDS[config.backend]), Draws(config.seed)
@@ -85,8 +83,8 @@ def build_layer(
         network=Network(config.fibers, config.switches),
         ownership=Ownership(clock.now_ns, news.longest_ns),
         history=_history(config, event_log, capture, writing_delay_s),
-        devices=devices,
-        memories=Memories(devices, clock, sabot, draws),
+        devices=hardware,
+        memories=Memories(hardware, clock, sabot, draws),
         max_live_qubits=config.max_live_qubits,
         share=equal_share(config, config.max_live_qubits, LEAST_SHARE),
         share_of_blocks=equal_share(config, MAX_BLOCKS, LEAST_BLOCKS),

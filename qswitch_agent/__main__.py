@@ -35,11 +35,12 @@ def hardware(config: AgentConfig) -> OpticalHardware:
             f"{clock} with hardware {config.hardware}: an instrument runs in real time; "
             "leave it out"
         )
-    if config.analysers:
-        raise BadConfig(
-            f"{config.analysers} analysers with hardware {config.hardware}: an instrument of "
-            "mirrors has none; leave them out, or let the switch be simulated"
-        )
+    for number, parts in ((config.analysers, "analysers"), (config.memories, "memories")):
+        if number:
+            raise BadConfig(
+                f"{number} {parts} with hardware {config.hardware}: an instrument of "
+                "mirrors has none; leave them out, or let the switch be simulated"
+            )
     host, port = _address(config.hardware)
     return ScpiSwitch(host, port, _matrix_ports(config))
 

@@ -3,9 +3,9 @@
 import asyncio
 from contextlib import AbstractAsyncContextManager, nullcontext
 
-from qswitch_agent.analysers import Analysers
 from qswitch_agent.bridge import Commands, Monitor, SupervisoryChannels
 from qswitch_agent.hardware.optics import OpticalHardware
+from qswitch_agent.inner_ports import InnerPorts
 from qswitch_agent.light_paths import LightPaths
 from qswitch_agent.openflow.ports import Port
 from qswitch_agent.proxy.proxy import Address, Programs, Proxy, Server
@@ -18,11 +18,11 @@ from wire.parameters.switch import inner_ports
 class Agent:
     def __init__(self, config: AgentConfig, hardware: OpticalHardware) -> None:
         self._hardware, self._config = hardware, config
-        inner = inner_ports(config.analysers)
+        inner = inner_ports(config.analysers, config.memories)
         self._paths = LightPaths(config.fiber_ports, hardware, config.time, inner)
         self._monitor = Monitor(config.management, self._paths.update, self._ports_changed)
         self._commands = Commands(config.management)
-        self._analysers = Analysers(config.analysers, self._commands.send_from)
+        self._inner = InnerPorts(inner, self._commands.send_from, config.memory)
         self._channels = SupervisoryChannels(self._paths.table.fibers, self._commands)
         self._switch = Switch(
             self._paths,
@@ -32,7 +32,7 @@ class Agent:
             self._commands.delete,
             config.switch,
             config.needs_copies,
-            self._analysers,
+            self._inner,
         )
         hold_s = config.time.wall_s(HOLD_DEADLINE_S)
         tls = config.credentials.client() if config.credentials is not None else None
@@ -63,8 +63,8 @@ class Agent:
             self._paths.expire(self._commands.delete),
             self._start(),
         ]
-        if self._config.analysers:
-            layers.append(self._hardware.watch_analysers(self._analysers.report))
+        if self._paths.table.inner:
+            layers.append(self._hardware.watch_analysers(self._inner.report))
         try:
             async with self._telemetry(), asyncio.TaskGroup() as group:
                 tasks = [group.create_task(layer) for layer in layers]
@@ -104,7 +104,7 @@ class Agent:
     def _ports_changed(self, ports: list[Port]) -> None:
         self._paths.update_ports(ports)
         self._switch.update_ports(ports)
-        self._analysers.update(ports)
+        self._inner.update(ports)
         self._channels.update(ports)
 
 

@@ -9,7 +9,6 @@ from contextlib import asynccontextmanager
 from dataclasses import replace
 from typing import Protocol
 
-from qswitch_agent.analysers import Analysers
 from qswitch_agent.bridge import SupervisoryChannels
 from qswitch_agent.hardware.optics import (
     Condition,
@@ -19,6 +18,7 @@ from qswitch_agent.hardware.optics import (
     OpticalHardware,
     Readings,
 )
+from qswitch_agent.inner_ports import InnerPorts
 from qswitch_agent.light_paths import Asker, LightPaths
 from qswitch_agent.middleware import optical_ports
 from qswitch_agent.middleware.flow_table import FlowTable
@@ -30,7 +30,6 @@ from qswitch_agent.openflow.identity import Identity, on_fiber
 from qswitch_agent.openflow.ports import Port
 from qswitch_agent.openflow.refusals import Refusal
 from qswitch_agent.timeouts import CONDITION_DEADLINE_S
-from wire.analyser_frames import port_description
 from wire.optical import PathOptics, PortLight, PortTuning
 
 log = logging.getLogger(__name__)
@@ -77,7 +76,7 @@ class Switch:
         delete: Callable[[FlowEntry], None],
         name: str = "",
         needs_copies: bool = False,
-        analysers: Analysers | None = None,
+        inner: InnerPorts | None = None,
     ) -> None:
         """`needs_copies`: only for sessions whose set-up has come on copper, too, light passes.
 
@@ -87,8 +86,8 @@ class Switch:
         """
         self.paths = paths
         self.fibers, self.inner = paths.table.fibers, paths.table.inner
-        self.outputs = paths.table.outputs
-        self.analysers = analysers or Analysers(0, lambda _port, _frame: None)
+        self.inputs, self.outputs = paths.table.inputs, paths.table.outputs
+        self.inner_ports = inner or InnerPorts({}, lambda _port, _frame: None)
         self.connections: set[Unconfirmed] = set()
         self._synchronise = synchronise
         self._delete = delete
@@ -269,7 +268,7 @@ class Switch:
         should: the fibre is whole, and the hardware not too hot.
         """
         if port.number in self.inner:
-            return replace(port, properties=port_description(*self.analysers.ports[port.number]))
+            return replace(port, properties=self.inner_ports.description(port.number))
         state = port.state
         if any(port.number in path for path in self._condition.stuck):
             state |= ofp.OFPPS_BLOCKED

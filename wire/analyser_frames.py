@@ -1,4 +1,4 @@
-"""The Bell analysers of switches as bytes: their ports, their counts, and the frames they send.
+"""Analysers and memories of switches as bytes: their ports, their counts, and the frames they send.
 
 A frame is Ethernet with the type of local experiments, as IP would need an address of the switch:
 
@@ -15,11 +15,13 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Self
+from typing import Self, TypeVar
 
 from wire.malformed import MalformedPacket
 from wire.optical import EXPERIMENTER
 from wire.outcomes import NO_COINCIDENCE
+from wire.parameters.physics import Memory
+from wire.parameters.switch import InnerPort, Kind
 
 ETHER_TYPE = b"\x88\xb5"  # IEEE 802, local experimental EtherType 1
 BROADCAST = b"\xff" * 6
@@ -33,8 +35,9 @@ DIGITS = bytes.maketrans(bytes([0, 1, 2, 3, NO_COINCIDENCE]), b"0123f")
 OUTCOMES = bytes.maketrans(b"0123f", bytes([0, 1, 2, 3, NO_COINCIDENCE]))
 PORT_DESCRIPTION = struct.Struct("!HHIIHHI")  # type, length, experimenter, its type; kind, …
 OFPPDPT_EXPERIMENTER = 0xFFFF
+MEMORY = struct.Struct("!IIQQQ")  # modes, efficiency in ppm, T1, T2 and cut-off in ns
+NEVER_NS = (1 << 64) - 1
 INNER_PORT = 1  # exp_type of our property of a port's description
-BELL_ANALYSER = 1  # the kind of an inner port
 
 
 class End(IntEnum):
@@ -44,14 +47,23 @@ class End(IntEnum):
     NO_PARTNER = 1
     CLOSED = 2
     UNFIT = 3
+    CUT_OFF = 4  # in a memory
 
 
-def port_description(analyser: int, which: int) -> bytes:
-    """Return the experimenter's property of an inner port: it leads to this input, of 1 and 2."""
-    ends = INNER_PORT, BELL_ANALYSER, which, analyser
-    length = PORT_DESCRIPTION.size
-    body = PORT_DESCRIPTION.pack(OFPPDPT_EXPERIMENTER, length, EXPERIMENTER, *ends)
+def port_description(port: InnerPort, memory: Memory) -> bytes:
+    """Return the experimenter's property of an inner port, with what a memory is like."""
+    parameters = b""
+    if port.kind == Kind.MEMORY:
+        times = (nanoseconds(each) for each in (memory.t1_s, memory.t2_s, memory.cutoff_s))
+        parameters = MEMORY.pack(memory.capacity, round(memory.efficiency * 1e6), *times)
+    length = PORT_DESCRIPTION.size + len(parameters)
+    fixed = length, EXPERIMENTER, INNER_PORT, port.kind, port.which, port.number
+    body = PORT_DESCRIPTION.pack(OFPPDPT_EXPERIMENTER, *fixed) + parameters
     return body + bytes(-length % 8)
+
+
+def nanoseconds(time_s: float) -> int:
+    return min(NEVER_NS, round(min(time_s, NEVER_NS / 1e9) * 1e9))
 
 
 @dataclass(frozen=True)
@@ -138,8 +150,29 @@ class AnalyserCounts:
         return self.FIELDS.pack(*vars(self).values())
 
 
-def decode_counts(body: bytes) -> list[AnalyserCounts]:
+@dataclass(frozen=True)
+class MemoryCounts:
+    """A memory now, and its photons since the network began."""
+
+    FIELDS = struct.Struct("!IIQ4Q16x")
+
+    port: int
+    held: int
+    oldest_ns: int  # age of the first of them; 0: there is none
+    stored: int
+    released: int
+    cut_off: int  # nothing released them in time
+    refused: int  # there was no room
+
+    def encode(self) -> bytes:
+        return self.FIELDS.pack(*vars(self).values())
+
+
+Counts = TypeVar("Counts", AnalyserCounts, MemoryCounts)
+
+
+def decode_counts(body: bytes, of: type[Counts]) -> list[Counts]:
     """Read the body of a reply; raise MalformedPacket if it is not whole entries."""
-    if len(body) % AnalyserCounts.FIELDS.size:
-        raise MalformedPacket(f"counts of analysers in {len(body)} bytes")
-    return [AnalyserCounts(*counts) for counts in AnalyserCounts.FIELDS.iter_unpack(body)]
+    if len(body) % of.FIELDS.size:
+        raise MalformedPacket(f"{of.__name__} in {len(body)} bytes")
+    return [of(*counts) for counts in of.FIELDS.iter_unpack(body)]

@@ -128,10 +128,13 @@ class PhysicalLayer:
         before = block.register.remaining
         self._report(block, before, self.memories.hold(block, asked_ns(), light))
 
-    def recall(self, block: Block, light: Block | None = None) -> None:
-        """Take a block out of its node's memory, if it is in there; light: that it waited for."""
+    def recall(self, block: Block, light: Block | None = None, interval_ns: float = 0.0) -> None:
+        """Take a block out of its node's memory, if it is in there; light: that it waited for.
+
+        Without light, qubits come out one after the other, by an interval.
+        """
         before = block.register.remaining
-        self._report(block, before, self.memories.read_out(block, light))
+        self._report(block, before, self.memories.read_out(block, light, interval_ns))
 
     def _report(self, block: Block, before: int, detail: str | None) -> None:
         if detail is not None:

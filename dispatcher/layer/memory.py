@@ -100,16 +100,21 @@ class Memories:
         """Free the place of a block that is discarded."""
         self._stored.get(block.node, {}).pop(block, None)
 
-    def read_out(self, block: Block, light: Block | None = None) -> str | None:
+    def read_out(
+        self, block: Block, light: Block | None = None, interval_ns: float = 0.0
+    ) -> str | None:
         """Take a block out of the memory, if it is in one; return what has happened to it.
 
-        Each qubit is read out when the photon of the light in its place comes, if there is any.
+        Each qubit is read out when the photon of the light in its place comes, if there is any, or
+        an interval after the one before.
         Raise TooLarge, and leave the block there, if that would take too large state vectors.
         """
         if not self.holds(block):
             return None
         now_ns, memory = self._clock.now_ns(), self._devices.of(block.node).memory
-        pattern = (now_ns, 0.0) if light is None else (light.start_ns, light.interval_ns)
+        pattern = (now_ns, interval_ns)
+        if light is not None:
+            pattern = light.start_ns, light.interval_ns
         detail = self._wait_is_over(block, now_ns, pattern, memory.efficiency)
         pulses.retime(block.pulses)
         return detail

@@ -14,10 +14,11 @@ from dispatcher.switch.optical_switch import Channel, OpticalSwitch
 from wire.config import BadConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.parameters.fiber import FiberOptics
 from wire.parameters.physics import BadParameter
+from wire.parameters.switch import Kind
 
 
-class Inputs(NamedTuple):
-    """The inner ports of a switch that lead to one of its analysers."""
+class Part(NamedTuple):
+    """A part of a switch, and the inner ports that lead to it."""
 
     switch: str
     ports: list[str]
@@ -53,9 +54,10 @@ class Network:
         named = {switch.name: switch for switch in switches}
         for fiber in fibers:
             self._lay(fiber, named)
-        self.analysers = dict[str, Inputs]()  # of switches, by the name of their node here
+        # Of switches, by the name of their node here.
+        self.analysers, self.memories = dict[str, Part](), dict[str, Part]()
         for switch in switches:
-            self._lay_analysers(switch, named)
+            self._lay_parts(switch, named)
         self.switches = {switch.name: self._switch(switch) for switch in switches}
 
     @property
@@ -110,12 +112,13 @@ class Network:
             switched = {} if near_switch is None else fiber_noise.of_switch(near_switch)
             self._lines[near] = self._line(near, far, fiber, switched | noise)
 
-    def _lay_analysers(self, switch: QuantumSwitch, switches: Mapping[str, QuantumSwitch]) -> None:
-        """Let light that leaves by an inner port come to its analyser, which is a node."""
-        for port, (analyser, _input) in switch.inner_ports.items():
-            node = analyser_node(switch.name, analyser)
-            inputs = self.analysers.setdefault(node, Inputs(switch.name, []))
-            inputs.ports.append(str(port))
+    def _lay_parts(self, switch: QuantumSwitch, switches: Mapping[str, QuantumSwitch]) -> None:
+        """Let light that leaves by an inner port come to its part, which is a node."""
+        parts = {Kind.ANALYSER: self.analysers, Kind.MEMORY: self.memories}
+        for port, inner in switch.inner_ports.items():
+            node = inner.node(switch.name)
+            part = parts[inner.kind].setdefault(node, Part(switch.name, []))
+            part.ports.append(str(port))
             ends = FiberEnd(switch.name, str(port)), FiberEnd(node, str(port))
             self._lay(Fiber.joining(*ends, FiberOptics(length_km=0.0)), switches)
 
@@ -136,11 +139,6 @@ class Network:
         by_port = {int(end.port): line for end, line in lines.items()}
         config.check_ports(by_port)
         return OpticalSwitch(config, {port: channel_of(line) for port, line in by_port.items()})
-
-
-def analyser_node(switch: str, analyser: int) -> str:
-    """Return the name of the node that an analyser of a switch is to light."""
-    return f"{switch}-analyser{analyser}"
 
 
 def channel_of(line: Line) -> Channel | None:

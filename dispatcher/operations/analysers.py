@@ -11,7 +11,7 @@ Every block that comes ends here, and its end is reported.
 
 import asyncio
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from dispatcher.layer.journal import CausedBy
 from dispatcher.layer.layer import PhysicalLayer, block_id
-from dispatcher.layer.network import Inputs
+from dispatcher.layer.network import Part
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations.imperfections import over
 from dispatcher.operations.measurements import Measurements
@@ -33,6 +33,35 @@ MOST_REPORTS = 1000  # that an agent has not read yet; beyond, the oldest are lo
 INDISTINGUISHABLE = (0, 2)  # by linear optics
 
 
+class Reports:
+    """How light ends in the parts of switches, for their agents."""
+
+    def __init__(self, parts: Mapping[str, Part]) -> None:
+        self._parts, self._numbers = parts, dict.fromkeys(parts, 0)
+        self._queues: dict[str, set[asyncio.Queue[BellOutcomes]]] = {}  # by switch
+
+    @contextmanager
+    def watching(self, switch: str) -> Iterator[AsyncIterator[BellOutcomes]]:
+        """Give the reports of a switch's parts from now on."""
+        reports = asyncio.Queue[BellOutcomes](MOST_REPORTS)
+        watchers = self._queues.setdefault(switch, set())
+        watchers.add(reports)
+        try:
+            yield _each(reports)
+        finally:
+            watchers.remove(reports)
+
+    def add(self, node: str, report: BellOutcomes) -> None:
+        """Number a report of a part, and queue it for the agent, if that watches."""
+        part = self._parts[node]
+        self._numbers[node] += 1
+        report.port, report.number = int(part.ports[0]), self._numbers[node]
+        for reports in self._queues.get(part.switch, ()):
+            if reports.full():
+                reports.get_nowait()
+            reports.put_nowait(report)
+
+
 class Analysers:
     """The analysers of all switches."""
 
@@ -40,23 +69,23 @@ class Analysers:
         self,
         layer: PhysicalLayer,
         measurements: Measurements,
+        reports: Reports,
         failed: Callable[[BaseException], None],
     ) -> None:
         """Call `failed` with what ends a measurement unexpectedly."""
         self._layer, self._measurements, self._failed = layer, measurements, failed
+        self._reports = reports
         self._waiting: dict[tuple[str, str], deque[Block]] = {}  # by node and port
         self._limits: dict[Block, asyncio.Task[None]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
-        self._numbers = dict.fromkeys(layer.network.analysers, 0)
-        self._reports: dict[str, set[asyncio.Queue[BellOutcomes]]] = {}  # by switch
 
     def look(self, name: BlockName) -> None:
         """Take light of a block that waits at an input, if the rest of it does not fly."""
-        ownership = self._layer.ownership
-        for block in ownership.parts(name) if self._numbers else ():
-            is_new = block.node in self._numbers and block not in self._limits
+        ownership, analysers = self._layer.ownership, self._layer.network.analysers
+        for block in ownership.parts(name) if analysers else ():
+            is_new = block.node in analysers and block not in self._limits
             if is_new and not ownership.rest_flies(block):
-                self._take(block, self._layer.network.analysers[block.node])
+                self._take(block, analysers[block.node])
 
     def close(self, switch: str, connected: set[int]) -> None:
         """End the wait of light at inputs to which no connection of the switch leads any more."""
@@ -65,18 +94,11 @@ class Analysers:
                 for block in list(blocks):
                     self._end_alone(block, BellOutcomes.CLOSED)
 
-    @contextmanager
-    def watching(self, switch: str) -> Iterator[AsyncIterator[BellOutcomes]]:
-        """Give the reports of a switch's analysers from now on."""
-        reports = asyncio.Queue[BellOutcomes](MOST_REPORTS)
-        watchers = self._reports.setdefault(switch, set())
-        watchers.add(reports)
-        try:
-            yield _each(reports)
-        finally:
-            watchers.remove(reports)
+    def waits(self, node: str, port: str) -> bool:
+        """Tell whether light waits at an input of an analyser."""
+        return (node, port) in self._waiting
 
-    def _take(self, block: Block, inputs: Inputs) -> None:
+    def _take(self, block: Block, inputs: Part) -> None:
         (other,) = (port for port in inputs.ports if port != block.port)
         if partners := self._waiting.get((block.node, other)):
             partner = partners[0]
@@ -123,7 +145,7 @@ class Analysers:
             name = BellOutcomes.End.Name(end).lower().replace("_", " ")
             layer.record(node, "discard", block, block.port, name)
             layer.drop(block)
-        self._report(node, BellOutcomes(end=end, photons=blocks[0].register.size))
+        self._reports.add(node, BellOutcomes(end=end, photons=blocks[0].register.size))
 
     def _meet(self, first: Block, second: Block) -> None:
         """Bell-measure the light of two inputs; what does not fit together is discarded."""
@@ -146,17 +168,7 @@ class Analysers:
         await over(self._layer, node, feedback)
         photons = len(outcomes)
         report = BellOutcomes(end=BellOutcomes.MEASURED, photons=photons, outcomes=outcomes)
-        self._report(node, report)
-
-    def _report(self, node: str, report: BellOutcomes) -> None:
-        """Number a report of an analyser, and queue it for the agent, if that watches."""
-        inputs = self._layer.network.analysers[node]
-        self._numbers[node] += 1
-        report.port, report.number = int(inputs.ports[0]), self._numbers[node]
-        for reports in self._reports.get(inputs.switch, ()):
-            if reports.full():
-                reports.get_nowait()
-            reports.put_nowait(report)
+        self._reports.add(node, report)
 
 
 async def _each(reports: asyncio.Queue[BellOutcomes]) -> AsyncIterator[BellOutcomes]:

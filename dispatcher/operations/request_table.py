@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 from google.protobuf.message import Message
 
 from dispatcher.layer.layer import PhysicalLayer
+from dispatcher.layer.ownership import BlockName
 from dispatcher.operations.adjustment import adjust
-from dispatcher.operations.analysers import Analysers
+from dispatcher.operations.analysers import Analysers, Reports
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.eavesdropping import Resending, Splitting
 from dispatcher.operations.gathering import Gathering
@@ -20,6 +21,7 @@ from dispatcher.operations.heralding import Heralding
 from dispatcher.operations.imperfections import over
 from dispatcher.operations.measurements import Measurements
 from dispatcher.operations.state_inspection import look, sense, tell
+from dispatcher.operations.switch_memories import SwitchMemories
 from dispatcher.operations.switching import Switching
 from dispatcher.operations.transport import Transport
 from dispatcher.refusal import invalid
@@ -44,9 +46,12 @@ class RequestTable:
         self.layer = layer
         self.heralding, self.blocks = Heralding(layer, failed), Operations(layer)
         measurements, resending = Measurements(layer), Resending(layer)
-        self.analysers = Analysers(layer, measurements, failed)
-        self.transport = Transport(layer, failed, self.analysers.look)
-        self.switching = Switching(layer, self.analysers.close)
+        network = layer.network
+        self.reports = Reports({**network.analysers, **network.memories})
+        self.analysers = Analysers(layer, measurements, self.reports, failed)
+        self.transport = Transport(layer, failed, self._came)
+        self.memories = SwitchMemories(layer, self.transport, self.analysers, self.reports, failed)
+        self.switching = Switching(layer, self.analysers.close, self.memories.release)
         self.rows = {
             "create": Row(messages.CreateRequest, self._timed(self.blocks.create)),
             "apply": Row(messages.ApplyRequest, self._timed(self.blocks.apply)),
@@ -77,6 +82,10 @@ class RequestTable:
         """Return the reply to a node's request; raise Refusal if it is not possible."""
         reply = self.rows[name].handler(node, request)
         return await reply if isawaitable(reply) else reply
+
+    def _came(self, name: BlockName) -> None:
+        self.analysers.look(name)
+        self.memories.look(name)
 
     def _on_layer(self, handler: Callable[[PhysicalLayer, str, Any], Any]) -> Handler:
         return lambda node, request: handler(self.layer, node, request)

@@ -89,9 +89,17 @@ DIRECTIONS = {
 
 
 class Switching:
-    def __init__(self, layer: PhysicalLayer, connected: Callable[[str, set[int]], None]) -> None:
-        """Call `connected` with a switch and its outputs in use when these change."""
-        self._layer, self._connected = layer, connected
+    def __init__(
+        self,
+        layer: PhysicalLayer,
+        connected: Callable[[str, set[int]], None],
+        opened: Callable[[str], None],
+    ) -> None:
+        """Call `connected` with a switch and its outputs in use when these change.
+
+        Call `opened` with a switch when all its cross-connects are open.
+        """
+        self._layer, self._connected, self._opened = layer, connected, opened
         self._switches = layer.network.switches
         self._wanted: dict[str, list[Connection]] = {}  # the latest request of each
         self._watchers: dict[str, set[asyncio.Event]] = {name: set() for name in self._switches}
@@ -106,6 +114,7 @@ class Switching:
         self._wanted[request.switch] = list(request.connections)
         ready_ns = self._connect(switch)
         await self._layer.clock.wait_until(ready_ns)
+        self._opened(request.switch)
         return ready_ns
 
     def tune(self, _node: str, request: TunePortRequest) -> int:
@@ -190,6 +199,7 @@ class Switching:
         self._fault(switch, "repaired")
         ready_ns = self._connect(switch)
         await self._layer.clock.wait_until(ready_ns)
+        self._opened(switch.name)
 
     def _fault(self, switch: OpticalSwitch, detail: str) -> None:
         self._layer.record(switch.name, "fault", detail=detail)

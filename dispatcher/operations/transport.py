@@ -96,6 +96,15 @@ class Transport:
         layer.record(node, "receive", block, port=port)
         return feedback
 
+    def release(self, block: Block, port: str, over: Callable[[], None]) -> None:
+        """Send a block out of its node's memory as it came; call `over` when it has landed."""
+        layer, interval_ns = self._layer, block.interval_ns
+        layer.recall(block, interval_ns=interval_ns)
+        pattern = Pattern(interval_ns, block.register.size)
+        departure = Departure(layer.clock.now_ns(), pattern, block.pulses.frequency_mhz)
+        flight = self._launch(block, FiberEnd(block.node, port), departure)
+        flight.add_done_callback(lambda _flight: over())
+
     async def settled(self) -> None:
         """Wait until light has come that is due to be somewhere now: a busy program is late."""
         now_ns = self._layer.clock.now_ns()
@@ -107,7 +116,7 @@ class Transport:
         while self._flights:
             await asyncio.wait(self._flights)
 
-    def _launch(self, block: Block, end: FiberEnd, departure: Departure) -> None:
+    def _launch(self, block: Block, end: FiberEnd, departure: Departure) -> asyncio.Task[None]:
         layer = self._layer
         layer.record(end.node, "send", block, port=end.port, time_ns=departure.start_ns)
         self._keep_time(block, departure)
@@ -123,6 +132,7 @@ class Transport:
         task = asyncio.create_task(self._fly(block, end, flight))
         self._flights[task] = flight
         task.add_done_callback(self._landed)
+        return task
 
     def _keep_time(self, block: Block, departure: Departure) -> None:
         """Let the half that stays begin to be when its source emits this one, pair by pair."""

@@ -274,7 +274,9 @@ class Service(DispatcherServicer):
         self, request: messages.SwitchStatisticsRequest, node: str, _context: Context
     ) -> messages.SwitchStatisticsReply:
         self.callers.require_reader(node, request.switch)
-        return self.table.switching.statistics(request.switch)
+        reply = self.table.switching.statistics(request.switch)
+        reply.memories.extend(self.table.memories.states(request.switch))
+        return reply
 
     @call
     async def WatchSwitch(
@@ -293,7 +295,7 @@ class Service(DispatcherServicer):
         self, request: messages.WatchSwitchRequest, node: str, context: Context
     ) -> None:
         self.callers.require_reader(node, request.switch)
-        with self.table.analysers.watching(request.switch) as reports:
+        with self.table.reports.watching(request.switch) as reports:
             await context.send_initial_metadata(())  # from here on none is missed
             async for report in reports:
                 try:

@@ -105,6 +105,10 @@ class Timeline:
     def connections(self) -> dict[int, int]:
         return {in_port: interval.out_port for in_port, interval in self._open()}
 
+    def open_outputs(self, now_ns: int) -> dict[int, int]:
+        """Return the outputs to which light passes now, by input."""
+        return {i: interval.out_port for i, interval in self._open() if interval.opens_ns <= now_ns}
+
     @property
     def open_circuits(self) -> dict[int, int]:
         return {in_port: interval.circuit.number for in_port, interval in self._open()}

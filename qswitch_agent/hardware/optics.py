@@ -1,11 +1,11 @@
 """The interface of any optical switch to the agent, which each driver implements."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple, Protocol
 
-from wire.analyser_frames import AnalyserFrame
+from wire.analyser_frames import AnalyserFrame, MemoryCounts
 
 
 class HardwareRefusal(Exception):
@@ -101,6 +101,7 @@ class Readings:
     ports: Mapping[int, PortReading] = field(default_factory=dict)  # by OpenFlow port number
     circuits: Mapping[int, CircuitReading] = field(default_factory=dict)  # by name
     temperature_c: float = 0.0
+    memories: Sequence[MemoryCounts] = ()
     not_measured: frozenset[Quantity] = frozenset()
 
     @property
@@ -118,7 +119,7 @@ class Direction(Enum):
 
 
 class OpticalHardware(Protocol):
-    """An N x N cross-connect for light, which measures nothing that passes, and Bell analysers.
+    """An N x N cross-connect for light, which measures nothing that passes; analysers, memories.
 
     Every call raises HardwareRefusal or HardwareFault, and none but those that watch takes longer
     than CALL_DEADLINE_S.
@@ -146,7 +147,7 @@ class OpticalHardware(Protocol):
         """Report the condition at once and after each change; raise HardwareFault at the end."""
 
     async def watch_analysers(self, on_report: Callable[[AnalyserFrame], None]) -> None:
-        """Report each block of light that ends at an analyser; raise HardwareFault at the end."""
+        """Report each block that ends in a part of the switch; raise HardwareFault at the end."""
 
     async def close(self) -> None:
         """Close the hardware; its cross-connects stay."""

@@ -25,7 +25,7 @@ from qswitch_agent.hardware.optics import (
 from qswitch_agent.timeouts import CALL_DEADLINE_S
 from wire import dispatcher_pb2 as messages
 from wire import dispatcher_service
-from wire.analyser_frames import AnalyserFrame, End
+from wire.analyser_frames import AnalyserFrame, End, MemoryCounts
 from wire.dispatcher_pb2 import CrossConnectOutcome, CrossConnectRequest
 from wire.dispatcher_service import cross_connects_socket
 from wire.malformed import MalformedPacket
@@ -178,7 +178,7 @@ class SimulatedSwitch:
         reply = await self._answer(
             self._statistics(request, timeout=CALL_DEADLINE_S, metadata=self._metadata)
         )
-        return _readings(reply)
+        return _readings(reply, self._time.now_ns())
 
     async def watch(self, on_condition: Callable[[Condition], None]) -> None:
         """Report the condition at once and after each change; raise HardwareFault at the end.
@@ -255,7 +255,7 @@ class SimulatedSwitch:
         )
 
 
-def _readings(reply: messages.SwitchStatisticsReply) -> Readings:
+def _readings(reply: messages.SwitchStatisticsReply, now_ns: int) -> Readings:
     return Readings(
         ports={
             port.port: PortReading(
@@ -275,6 +275,18 @@ def _readings(reply: messages.SwitchStatisticsReply) -> Readings:
             for circuit in reply.circuits
         },
         temperature_c=reply.temperature_c,
+        memories=[
+            MemoryCounts(
+                memory.port,
+                memory.held,
+                max(1, now_ns - memory.oldest_ns) if memory.oldest_ns else 0,
+                memory.stored,
+                memory.released,
+                memory.cut_off,
+                memory.refused,
+            )
+            for memory in reply.memories
+        ],
     )
 
 

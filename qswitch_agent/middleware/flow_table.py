@@ -1,7 +1,7 @@
 """Table 0 as the bridge reports it, and what would become of it.
 
 Of the entries whose match asks for its port or for nothing at all, light meets the one with
-the highest priority; if that entry is a path (in_port = one fibre port -> output: another),
+the highest priority; if that entry is a path (in_port = a port of light -> output: another),
 the hardware makes this cross-connect.
 """
 
@@ -15,6 +15,7 @@ from qswitch_agent.openflow import flows, matches, refusals
 from qswitch_agent.openflow.flow_reports import REMOVED, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry, FlowMod
 from qswitch_agent.openflow.instructions import Mark
+from wire.parameters.switch import FIRST_MEMORY_PORT
 
 ALL_TABLES = (0, ofp.OFPTT_ALL)
 UNMARKED = 1 << 31  # circuits of entries that came past the agent
@@ -32,9 +33,10 @@ class FlowTable:
     """The entries of table 0, which fibres are whole, and what is stuck."""
 
     def __init__(self, fiber_ports: Iterable[int], inner_ports: Iterable[int] = ()) -> None:
-        """Light comes from fibres alone, and goes to them and to inner ports."""
+        """Light comes from fibres and memories, and goes to fibres and to inner ports."""
         self.fibers, self.inner = frozenset(fiber_ports), frozenset(inner_ports)
-        self.outputs = self.fibers | self.inner
+        self.memories = frozenset(port for port in self.inner if port >= FIRST_MEMORY_PORT)
+        self.inputs, self.outputs = self.fibers | self.memories, self.fibers | self.inner
         self.stuck: frozenset[tuple[int, int]] = frozenset()  # that cannot be changed
         self._cut: set[int] = set()
         self._entries: dict[tuple[int, bytes], FlowEntry] = {}
@@ -59,7 +61,7 @@ class FlowTable:
 
     def _put(self, entry: FlowEntry) -> None:
         self._entries[entry.key] = entry
-        light = entry.in_port in self.fibers and not entry.other_fields
+        light = entry.in_port in self.inputs and not entry.other_fields
         (self._marked.add if light and entry.mark else self._marked.discard)(entry.key)
 
     def _remove(self, key: tuple[int, bytes]) -> None:
@@ -80,12 +82,12 @@ class FlowTable:
         return True
 
     def is_foreign(self, update: FlowUpdate) -> bool:
-        """Say whether this puts an entry on a fibre port that light can do nothing with."""
+        """Say whether this puts an entry on a port of light that light can do nothing with."""
         entry = update.entry
         return (
             entry is not None
             and update.event != REMOVED
-            and entry.in_port in self.fibers
+            and entry.in_port in self.inputs
             and not entry.other_fields
             and entry.mark is None
             and self._path(entry) is None
@@ -110,7 +112,7 @@ class FlowTable:
         return self._modify(mod)
 
     def _modify(self, mod: FlowMod) -> list[FlowMod]:
-        affected = [e for e in self._affected(mod) if e.in_port in self.fibers]
+        affected = [e for e in self._affected(mod) if e.in_port in self.inputs]
         light = [entry for entry in affected if not entry.other_fields]
         if light and set(mod.fields) != {matches.IN_PORT}:
             raise refusals.bad_out_port(
@@ -192,7 +194,7 @@ class FlowTable:
         for entry in sorted(self._entries.values(), key=_precedence):
             if entry.other_fields:
                 continue
-            ports = self.fibers if entry.in_port is None else {entry.in_port}
+            ports = self.inputs if entry.in_port is None else {entry.in_port}
             for port in ports:
                 met.setdefault(port, entry)
         return list(dict.fromkeys(met.values()))
@@ -200,7 +202,7 @@ class FlowTable:
     def _path(self, entry: FlowEntry) -> CrossConnect | None:
         if entry.other_fields or entry.in_port is None or entry.out_port is None:
             return None
-        if entry.in_port not in self.fibers or entry.out_port not in self.outputs:
+        if entry.in_port not in self.inputs or entry.out_port not in self.outputs:
             return None
         if entry.in_port == entry.out_port:
             return None

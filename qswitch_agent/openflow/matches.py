@@ -101,8 +101,8 @@ def in_port_is_masked(fields: Fields) -> bool:
     return IN_PORT in fields and fields[IN_PORT][1] != b"\xff" * 4
 
 
-def is_lldp(fields: Fields) -> bool:
-    return ETH_TYPE in fields and fields[ETH_TYPE] == (LLDP, b"\xff\xff")
+def is_of_type(fields: Fields, ether_type: bytes) -> bool:
+    return fields.get(ETH_TYPE) == (ether_type, b"\xff\xff")
 
 
 def covers(wide: Fields, narrow: Fields) -> bool:

@@ -2,15 +2,16 @@
 
 The limits of light: a FLOW_MOD may ask for nothing beyond them.
 
-Light carries no headers and cannot be copied: a light entry matches one fibre port and
-nothing else, in table 0, and sends what comes in there to one other fibre port, to an inner port of
-the switch, or nowhere.
-On a fibre's supervisory channel LLDP passes, and only to the controller.
+Light carries no headers and cannot be copied: a light entry matches one fibre port, or a memory's,
+and nothing else, in table 0, and sends what comes in there to one other fibre port, to an inner
+port of the switch, or nowhere.
+On a fibre's supervisory channel LLDP passes, and only to the controller. A memory's own frames are
+packets, which match its port and their type.
 """
 
 from collections.abc import Callable, Iterable
 
-from qswitch_agent.middleware.flow_table import concerns
+from qswitch_agent.middleware.flow_table import FlowTable, concerns
 from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow import matches, packets, refusals
 from qswitch_agent.openflow.flows import FlowMod
@@ -20,14 +21,15 @@ from qswitch_agent.openflow.refusals import Refusal
 from qswitch_agent.proxy.bundles import Tunings
 from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch
+from wire.analyser_frames import ETHER_TYPE
 from wire.parameters.switch import FIRST_INNER_PORT
 
 MODIFYING = (ofp.OFPFC_MODIFY, ofp.OFPFC_MODIFY_STRICT)
 PUTTING = (ofp.OFPFC_ADD, *MODIFYING)
 
 
-def is_light(mod: FlowMod, fibers: frozenset[int], inner: frozenset[int] = frozenset()) -> bool:
-    """Tell whether a FLOW_MOD adds or modifies light entries; inner ports are inside the switch.
+def is_light(mod: FlowMod, table: FlowTable) -> bool:
+    """Tell whether a FLOW_MOD adds or modifies light entries.
 
     Raise Refusal, with the fitting OpenFlow error, if it asks for what light cannot do.
     """
@@ -41,11 +43,12 @@ def is_light(mod: FlowMod, fibers: frozenset[int], inner: frozenset[int] = froze
         raise refusals.bad_mask(
             "in_port cannot be matched by some of its bits",
         )
-    in_port, outputs = matches.in_port(mod.fields), fibers | inner
-    if in_port not in fibers:
+    in_port, outputs = matches.in_port(mod.fields), table.outputs
+    frames = in_port in table.memories and matches.is_of_type(mod.fields, ETHER_TYPE)
+    if in_port not in table.inputs or frames:
         _require_classical(mod.instructions.outputs, outputs)
         return False
-    if matches.is_lldp(mod.fields):
+    if in_port in table.fibers and matches.is_of_type(mod.fields, matches.LLDP):
         _require_supervisory(mod.instructions)
         return False
     if mod.table != 0:
@@ -130,7 +133,7 @@ def concerns_light(mod: FlowMod, switch: Switch) -> bool:
 
     A switch of light alone has one table, also for entries on packets.
     """
-    light = is_light(mod, switch.fibers, switch.inner)
+    light = is_light(mod, switch.paths.table)
     if light:
         switch.require_seen(mod.cookie)
     if switch.optical_alone and not mod.deletes:

@@ -174,7 +174,7 @@ class Replies:
 
     def _mark(self, entry: FlowEntry) -> Mark | None:
         """Return the mark of a light entry; what a controller noted elsewhere is its own."""
-        return entry.mark if entry.in_port in self._switch.fibers else None
+        return entry.mark if entry.in_port in self._switch.inputs else None
 
     async def _flow_removed(self, message: bytes, since_ns: int) -> bytes:
         gone = FlowRemoved.decode(message)

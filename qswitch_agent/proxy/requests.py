@@ -30,7 +30,7 @@ from qswitch_agent.proxy.checks import (
 from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch, circuits, impossible_path
 from wire.malformed import MalformedPacket
-from wire.optical import ANALYSER_COUNTS, PATH_OPTICS, encode_path_optics
+from wire.optical import ANALYSER_COUNTS, MEMORY_COUNTS, PATH_OPTICS, encode_path_optics
 
 
 class BundleRequests:
@@ -275,7 +275,11 @@ class Requests:
             body = encode_path_optics(self._switch.path_optics())
             await self._link.answer(messages.reply_of_ours(xid, ours, body))
         elif ours == ANALYSER_COUNTS:
-            body = self._switch.analysers.encode_counts()
+            body = self._switch.inner_ports.encode_counts()
+            await self._link.answer(messages.reply_of_ours(xid, ours, body))
+        elif ours == MEMORY_COUNTS:
+            memories = (await self._switch.read()).memories
+            body = b"".join(each.encode() for each in memories)
             await self._link.answer(messages.reply_of_ours(xid, ours, body))
         elif kind == ofp.OFPMP_TABLE_FEATURES and len(message) == messages.BODY:
             await self._link.answer(identity.table_features(xid))

@@ -1,10 +1,11 @@
 """Swaps by the Bell analyser of a switch, programmed by Ryu's stock ofctl_rest and curl alone."""
 
 import json
+import re
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from math import sqrt
+from math import exp, sqrt
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
@@ -19,25 +20,34 @@ from qmn.running.dispatcher_calls import status
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 from topologies.system.runs.runtime import free_port
-from wire.parameters.physics import BellAnalyser, Device, PairSource
+from wire.parameters.physics import BellAnalyser, Device, Memory, PairSource
 
 Q1 = 0x1001
 ALICE, BOB, COPPER, FIRST, SECOND = 2, 3, 1, 60_001, 60_002  # ports of q1
+MEMORIES = 61_001, 61_002
+CAPACITY = 5000
+T2_S = 1e-3
+FRAMES = 0x88B5  # EtherType
 FIDELITY = 0.92  # of each source, of Werner pairs
 VISIBILITY = 0.9
 
 
 class SwapTopo(SdcTopo):
-    """alice and bob make pairs, and q1 has an analyser."""
+    """alice and bob make pairs, and q1 has an analyser, and two memories if these have a T2."""
 
-    def build(self, fidelity: float = 1.0, visibility: float = 1.0, **fiber: Any) -> None:
+    def build(
+        self, fidelity: float = 1.0, visibility: float = 1.0, t2_s: float = 0.0, **fiber: Any
+    ) -> None:
         """Lay the network with sources and an analyser that are so good."""
         super().build(**fiber)
         source = Device(source=PairSource(fidelity=fidelity))
         for host in ("alice", "bob"):
             self.setNodeInfo(host, {**self.nodeInfo(host), "device": source})
         analyser = BellAnalyser(visibility=visibility)
-        self.setNodeInfo("q1", {**self.nodeInfo("q1"), "analysers": 1, "analyser": analyser})
+        parts = {"analysers": 1, "analyser": analyser}
+        if t2_s:
+            parts |= {"memories": 2, "memory": Memory(t2_s=t2_s, capacity=CAPACITY)}
+        self.setNodeInfo("q1", {**self.nodeInfo("q1"), **parts})
 
 
 class Curl:
@@ -54,8 +64,9 @@ class Curl:
 
     def add(self, in_port: int, *actions: dict[str, Any], **more: Any) -> None:
         """Add an entry."""
-        apply = [{"type": "APPLY_ACTIONS", "actions": actions}]
-        self("flowentry/add", {"match": {"in_port": in_port}, "instructions": apply, **more})
+        entry = {"match": {"in_port": in_port}, **more}
+        entry["instructions"] = [{"type": "APPLY_ACTIONS", "actions": actions}]
+        self("flowentry/add", entry)
 
 
 def output(port: int | str) -> dict[str, Any]:
@@ -92,7 +103,7 @@ def swapping(folder: Path, **noise: float) -> Iterator[tuple[Network, Curl]]:
 
 def swapped(network: Network, **options: Any) -> dict[str, Any]:
     """Let alice and bob swap by way of q1."""
-    return served(network, "switch_swap", "alice", "bob", block_pairs=4000, **options)
+    return served(network, "switch_swap", "alice", "bob", **{"block_pairs": 4000, **options})
 
 
 def require_nothing_left(network: Network) -> None:
@@ -168,3 +179,38 @@ def test_noise_of_sources_and_of_the_analyser_is_as_the_closed_form_says(tmp_pat
         told = swapped(network, count=4000, sample=0.5)
     # F = (1 + XX - YY + ZZ)/4, each of a third of the sample; no correlation varies by more than 1.
     assert abs(told["fidelity"] - expected) < 5 * sqrt(9 / 16 / told["sampled"])
+
+
+def test_halves_wait_in_memories_until_entries_release_them(tmp_path: Path) -> None:
+    with swapping(tmp_path, t2_s=T2_S, length_km=10.0) as (network, curl):
+        names = {port["port_no"]: port["name"] for port in curl(f"portdesc/{Q1}")}
+        assert [names[number] for number in MEMORIES] == ["q1-memory1", "q1-memory2"]
+        for fiber, memory in zip((ALICE, BOB), MEMORIES, strict=True):
+            curl.add(fiber, output(memory))
+            frames = {"in_port": memory, "eth_type": FRAMES}
+            curl.add(memory, output(COPPER), match=frames, priority=40_000)
+        with pytest.raises(QuantumSocketError, match="nothing released it from the memory there"):
+            swapped(network, count=100)
+        require_nothing_left(network)
+        with pytest.raises(QuantumSocketError, match="or the part of the switch"):
+            swapped(network, count=10_000, block_pairs=CAPACITY + 1)
+        require_nothing_left(network)
+        for memory, port in zip(MEMORIES, (FIRST, SECOND), strict=True):
+            curl.add(memory, output(port))
+        require_dephased(network)
+
+
+def require_dephased(network: Network) -> None:
+    """Fail unless pairs have the fidelity that follows from the waits of the event log.
+
+    Halves that wait for t together keep their phase with (1 + exp(-t/T2))/2.
+    """
+    log = network.runtime.logs / "quantum.log"
+    before = len(log.read_text())
+    told = swapped(network, count=4000, sample=0.5)
+    waits = re.findall(r"q1-memory\d .*recall.* after (\S+) s", log.read_text()[before:])
+    waited_s = sum(map(float, waits)) / (len(waits) / 2)
+    assert waited_s > 0.9e-4  # bob's were there first by more than light takes from him to alice
+    expected = (1 + exp(-waited_s / T2_S)) / 2
+    assert abs(told["fidelity"] - expected) < 5 * sqrt(9 / 16 / told["sampled"])
+    require_nothing_left(network)

@@ -52,6 +52,7 @@ from wire.analyser_frames import (
     AnalyserCounts,
     AnalyserFrame,
     End,
+    MemoryCounts,
     decode_counts,
 )
 from wire.conference import ConferenceProposal
@@ -282,7 +283,13 @@ FORMATS: dict[str, Target] = {
     ),
     "analyser counts": Target(
         [AnalyserCounts(60_001, 5, 1, 1, 1, 1, 1).encode() * 2],
-        decode_counts,
+        lambda data: decode_counts(data, AnalyserCounts),
+        lambda counts: b"".join(each.encode() for each in counts),
+        canonical=False,  # padding
+    ),
+    "memory counts": Target(
+        [MemoryCounts(61_001, 5, 1, 6, 1, 0, 0).encode() * 2],
+        lambda data: decode_counts(data, MemoryCounts),
         lambda counts: b"".join(each.encode() for each in counts),
         canonical=False,  # padding
     ),

@@ -25,7 +25,6 @@ from wire.parameters.physics import BadParameter
 from wire.parameters.switch import OPTICS
 
 LOOPBACK = "127.0.0.1"
-INPUT_NAMES = "ab"  # of an analyser
 
 
 class OpticalSwitch(ClassicalSwitch):
@@ -36,8 +35,8 @@ class OpticalSwitch(ClassicalSwitch):
     differ from the others are PathOptics. Raise BadParameter if a value is out of range.
     `hardware` is "" for the simulated switch, or names an instrument, as scpi://192.0.2.7:5025;
     `hardware_ports` are the instrument's [ingress, egress] of each port that is a fibre's.
-    `analysers` Bell analysers have inner ports (docs/switch-swaps.md); `analyser`, `detectors` and
-    `gates` are what these are like, as at a host.
+    `analysers` Bell analysers and `memories` have inner ports (docs/switch-swaps.md); `analyser`,
+    `detectors`, `gates` and `memory` are what these are like, as at a host.
     `controller_port` names another controller than c0, at this TCP port of 127.0.0.1, that
     programs the switch alone; c0 does not know of it then, nor of its fibres.
     The datapath ID of q1 is 0x1001, unless `dpid` is given.
@@ -76,8 +75,8 @@ class OpticalSwitch(ClassicalSwitch):
         stands = self.stands
         super().lay()
         words: list[str] = []
-        for number, (analyser, which) in self.network.switches[self.name].inner_ports.items():
-            port = f"{self.name}-bell{analyser}{INPUT_NAMES[which - 1]}"
+        for number, inner in self.network.switches[self.name].inner_ports.items():
+            port = inner.name(self.name)
             words += ["--", "add-port", self.name, port, "--", "set", "interface", port]
             words += ["type=patch", "options:peer=none", f"ofport_request={number}"]
         if words and not stands:
@@ -102,7 +101,7 @@ class OpticalSwitch(ClassicalSwitch):
 
     def agent_config(self, controllers: list[Controller]) -> AgentConfig:
         """Return the agent's configuration; all fibres are made by now."""
-        network = self.network
+        network, optics = self.network, self.network.switches[self.name]
         return AgentConfig(
             switch=self.name,
             # Open vSwitch connects to Unix sockets of its own folder alone.
@@ -120,7 +119,9 @@ class OpticalSwitch(ClassicalSwitch):
                 for end in (fiber.a, fiber.b)
                 if end.node == self.name
             ),
-            analysers=network.switches[self.name].analysers,
+            analysers=optics.analysers,
+            memories=optics.memories,
+            memory=optics.memory,
             hardware=self.hardware,
             hardware_ports=self.hardware_ports,
             credentials=self._credentials(),

@@ -5,6 +5,8 @@ The default loses nothing and takes 100 ns to switch.
 
 from collections.abc import Collection
 from dataclasses import dataclass, field, fields, replace
+from enum import IntEnum
+from typing import NamedTuple
 
 from wire.outcomes import PAULIS
 from wire.parameters.physics import (
@@ -13,6 +15,7 @@ from wire.parameters.physics import (
     Detectors,
     Device,
     Gates,
+    Memory,
     check,
     parameter,
 )
@@ -21,9 +24,35 @@ TEMPERATURE_C = (-100.0, 300.0)
 LOSS_DB = (0.0, 100.0)
 FREQUENCY_MHZ = (1, 2**32 - 1)
 ROTATIONS = (0, len(PAULIS) - 1, ", ".join(PAULIS))
-FIRST_INNER_PORT = 60_001  # OpenFlow numbers of ports inside a switch, where no fibre ends
-MOST_ANALYSERS = 64
+# OpenFlow numbers of ports inside a switch, where no fibre ends.
+FIRST_INNER_PORT, FIRST_MEMORY_PORT = 60_001, 61_001
+MOST_ANALYSERS, MOST_MEMORIES = 64, 256
 INPUTS = 2  # of an analyser: one for each photon of a pair
+
+
+class Kind(IntEnum):
+    """A part of a switch, as the description of its port says."""
+
+    ANALYSER = 1
+    MEMORY = 2
+
+
+class InnerPort(NamedTuple):
+    """A port that leads to a part of the switch."""
+
+    kind: Kind
+    number: int  # of the part, of all of its kind, from 1
+    which: int  # input of an analyser, from 1; 0: of a memory
+
+    def node(self, switch: str) -> str:
+        """Return the name of the node that the part is to light."""
+        return f"{switch}-{self.kind.name.lower()}{self.number}"
+
+    def name(self, switch: str) -> str:
+        """Return the name of the port."""
+        if self.kind == Kind.MEMORY:
+            return self.node(switch)
+        return f"{switch}-bell{self.number}{' ab'[self.which]}"
 
 
 @dataclass(frozen=True)
@@ -64,6 +93,8 @@ class QuantumSwitch:
     analyser: BellAnalyser = field(default_factory=BellAnalyser)
     detectors: Detectors = field(default_factory=Detectors)
     gates: Gates = field(default_factory=Gates)
+    memories: int = parameter(0, 0, MOST_MEMORIES)  # quantum memories, each with an inner port
+    memory: Memory = field(default_factory=Memory)  # what all of them are like
 
     @property
     def analyser_device(self) -> Device:
@@ -71,9 +102,18 @@ class QuantumSwitch:
         return replace(Device(), analyser=self.analyser, detectors=self.detectors, gates=self.gates)
 
     @property
-    def inner_ports(self) -> dict[int, tuple[int, int]]:
-        """Analyser and input, both counted from 1, by the number of each inner port."""
-        return inner_ports(self.analysers)
+    def inner_ports(self) -> dict[int, InnerPort]:
+        """Parts of the switch by the number of their ports."""
+        return inner_ports(self.analysers, self.memories)
+
+    @property
+    def inner_devices(self) -> dict[str, Device]:
+        """The hardware of each part, by the name of its node."""
+        devices = {
+            Kind.ANALYSER: self.analyser_device,
+            Kind.MEMORY: replace(Device(), memory=self.memory),
+        }
+        return {port.node(self.name): devices[port.kind] for port in self.inner_ports.values()}
 
     def check(self) -> None:
         """Raise BadParameter for optics that cannot be, whatever the switch's ports are."""
@@ -90,6 +130,7 @@ class QuantumSwitch:
                 f"{self.name}: analyser, detectors or gates without analysers have no effect; "
                 "give analysers=1 or more, too"
             )
+        self._check_memories()
         if self.min_frequency_mhz > self.max_frequency_mhz:
             raise BadParameter(
                 f"{self.name}: min_frequency_mhz {self.min_frequency_mhz} is above "
@@ -102,6 +143,22 @@ class QuantumSwitch:
                 raise BadParameter(f"{where} is named twice; name each path once")
             named.add(ports)
             check(where, path)
+
+    def _check_memories(self) -> None:
+        """Raise BadParameter for memories that no switch has."""
+        memory, where = self.memory, f"{self.name}, memories"
+        replace(Device(), memory=memory).check(where)
+        if not self.memories and memory != Memory():
+            raise BadParameter(
+                f"{self.name}: memory without memories has no effect; give memories=1 or more, too"
+            )
+        if memory.noise:
+            raise BadParameter(f"{where} have no noise models of one's own")
+        if memory.kind != Memory().kind or not memory.heralds_perfectly or not memory.capacity:
+            raise BadParameter(
+                f"{where} take in light, and tell what they hold: leave kind, herald_efficiency "
+                "and false_herald out, and take a capacity of 1 or more"
+            )
 
     def check_ports(self, ports: Collection[int]) -> None:
         """Raise BadParameter for a path whose ports no fibre ends in."""
@@ -118,13 +175,17 @@ class QuantumSwitch:
         return f"{self.name}, path {path.in_port} -> {path.out_port}"
 
 
-def inner_ports(analysers: int) -> dict[int, tuple[int, int]]:
-    """Return analyser and input, both counted from 1, by the number of each inner port."""
-    return {
-        FIRST_INNER_PORT + place: (place // INPUTS + 1, place % INPUTS + 1)
+def inner_ports(analysers: int, memories: int = 0) -> dict[int, InnerPort]:
+    """Return parts of a switch by the number of their ports."""
+    inputs = {
+        FIRST_INNER_PORT + place: InnerPort(Kind.ANALYSER, place // INPUTS + 1, place % INPUTS + 1)
         for place in range(INPUTS * analysers)
+    }
+    return inputs | {
+        FIRST_MEMORY_PORT + place: InnerPort(Kind.MEMORY, place + 1, 0) for place in range(memories)
     }
 
 
 OPTICS = frozenset(each.name for each in fields(QuantumSwitch)) - {"name"}  # what can be set
-COMPOUND = frozenset({"paths", "analyser", "detectors", "gates"})  # of these, by topologies alone
+# Of these, by topologies alone.
+COMPOUND = frozenset({"paths", "analyser", "detectors", "gates", "memory"})

@@ -7,11 +7,12 @@ from openflow_messages import port
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from proxy_scene import play, stage
 
-from qswitch_agent.analysers import Analysers
+from qswitch_agent.inner_ports import InnerPorts
 from qswitch_agent.openflow import messages, packets
 from qswitch_agent.openflow.messages import Framer
 from wire import optical
 from wire.analyser_frames import AnalyserCounts, AnalyserFrame, End, decode_counts
+from wire.parameters.switch import inner_ports
 
 OUTCOMES = bytes([0, 1, 2, 3, 255, 255])
 REPORT = AnalyserFrame(60_003, 1, End.MEASURED, 6, 0, OUTCOMES)
@@ -19,7 +20,7 @@ REPORT = AnalyserFrame(60_003, 1, End.MEASURED, 6, 0, OUTCOMES)
 
 def test_a_report_is_a_frame_of_the_analysers_own_port() -> None:
     sent: list[tuple[int, bytes]] = []
-    analysers = Analysers(2, lambda number, frame: sent.append((number, frame)))
+    analysers = InnerPorts(inner_ports(2), lambda number, frame: sent.append((number, frame)))
     described = replace(port(60_003), address=b"\2\0\0\0\0\7")
     analysers.update([described])
     analysers.report(REPORT)
@@ -37,14 +38,14 @@ def test_the_bridge_gets_it_as_a_packet_of_that_port_for_its_table() -> None:
 def test_counts_are_told_to_who_asks_for_them() -> None:
     async def scene() -> None:
         async with stage() as now:
-            now.switch.analysers = Analysers(2, lambda _port, _frame: None)
-            now.switch.analysers.report(REPORT)
-            now.switch.analysers.report(AnalyserFrame(60_001, 1, End.CLOSED, 9))
+            now.switch.inner_ports = InnerPorts(inner_ports(2), lambda _port, _frame: None)
+            now.switch.inner_ports.report(REPORT)
+            now.switch.inner_ports.report(AnalyserFrame(60_001, 1, End.CLOSED, 9))
             body = messages.EXPERIMENT.pack(optical.EXPERIMENTER, optical.ANALYSER_COUNTS)
             now.controller.says(messages.request(ofp.OFPMP_EXPERIMENTER, 4, body))
             answer = of.decoded(await now.controller.next())
             assert answer.body.exp_type == optical.ANALYSER_COUNTS
-            assert decode_counts(bytes(answer.body.data)) == [
+            assert decode_counts(bytes(answer.body.data), AnalyserCounts) == [
                 AnalyserCounts(60_001, closed=1),
                 AnalyserCounts(60_003, 6, 1, 1, 1, 1, none=2),
             ]

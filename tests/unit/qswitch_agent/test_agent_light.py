@@ -8,11 +8,13 @@ from openflow_messages import CLASSICAL, FIBERS
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
 
+from qswitch_agent.middleware.flow_table import FlowTable
 from qswitch_agent.openflow import matches
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.refusals import Refusal
 from qswitch_agent.proxy.checks import is_light, require_no_fiber
 
+TABLE = FlowTable(FIBERS)
 LOCAL, CONTROLLER = ofp.OFPP_LOCAL, ofp.OFPP_CONTROLLER
 BAD_PORT = (ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT)
 BAD_TYPE = (ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_TYPE)
@@ -113,7 +115,7 @@ NO_LIGHT = {
 def test_what_light_cannot_do_is_refused(case: str) -> None:
     mod, error = REFUSED[case]
     with pytest.raises(Refusal) as refusal:
-        is_light(mod, FIBERS)
+        is_light(mod, TABLE)
     assert (refusal.value.kind, refusal.value.code) == error
     assert str(refusal.value)
 
@@ -123,7 +125,7 @@ def test_port_matched_by_some_bits_is_refused() -> None:
     match = matches.join(bytes.fromhex("80000108 00000001 fffffffe"))
     mod = FlowMod.decode(message[:48] + match + message[64:])
     with pytest.raises(Refusal) as refusal:
-        is_light(mod, FIBERS)
+        is_light(mod, TABLE)
     assert (refusal.value.kind, refusal.value.code) == (ofp.OFPET_BAD_MATCH, ofp.OFPBMC_BAD_MASK)
 
 
@@ -132,27 +134,31 @@ def test_port_with_a_mask_of_zero_is_any_port() -> None:
     match = matches.join(bytes.fromhex("80000108 00000001 00000000"))
     mod = FlowMod.decode(message[:48] + match + message[64:])
     with pytest.raises(Refusal, match="packets cannot go into the fibre at port 2"):
-        is_light(mod, FIBERS)
+        is_light(mod, TABLE)
 
 
 @pytest.mark.parametrize("case", LIGHT)
 def test_what_light_can_do_is_light(case: str) -> None:
-    assert is_light(LIGHT[case], FIBERS)
+    assert is_light(LIGHT[case], TABLE)
 
 
 @pytest.mark.parametrize("case", NO_LIGHT)
 def test_what_is_no_light_passes(case: str) -> None:
-    assert not is_light(NO_LIGHT[case], FIBERS)
+    assert not is_light(NO_LIGHT[case], TABLE)
 
 
 def test_inner_ports_take_light_and_no_packets() -> None:
-    inner = frozenset({60_001, 60_002})
-    assert is_light(of.mod(FROM_1, of.outputs(60_001)), FIBERS, inner)
+    table = FlowTable(FIBERS, [60_001, 60_002, 61_001])
+    for in_port, output in ((1, 60_001), (1, 61_001), (61_001, 60_001), (61_001, 1)):
+        assert is_light(of.mod({"in_port": in_port}, of.outputs(output)), table)
     outcomes = of.actions(REWRITE, parser.OFPActionOutput(CLASSICAL))
-    assert not is_light(of.mod({"in_port": 60_001}, outcomes), FIBERS, inner)
-    for fields in ({"in_port": CLASSICAL}, {"in_port": 60_001}):
+    for fields in ({"in_port": 60_001}, {"in_port": 61_001, "eth_type": 0x88B5}):
+        assert not is_light(of.mod(fields, outcomes), table)
         with pytest.raises(Refusal, match="packets cannot go into the inner port 60002"):
-            is_light(of.mod(fields, of.outputs(60_002)), FIBERS, inner)
+            is_light(of.mod(fields, of.outputs(60_002)), table)
+    for fields in ({"in_port": 61_001, "eth_type": 0x88CC}, {"in_port": 61_001, "eth_type": 0x800}):
+        with pytest.raises(Refusal, match="light of port 61001 carries no headers"):
+            is_light(of.mod(fields, of.outputs(CLASSICAL)), table)
 
 
 def test_packets_go_into_no_fibre() -> None:

@@ -95,10 +95,10 @@ def test_fields_of_two_experimenters_are_two_fields() -> None:
 
 
 def test_only_lldp_is_lldp() -> None:
-    assert matches.is_lldp(fields(in_port=1, eth_type=0x88CC))
-    assert not matches.is_lldp(fields(in_port=1, eth_type=0x0800))
-    assert not matches.is_lldp(fields(in_port=1))
-    assert not matches.is_lldp(parse(bytes.fromhex("80000b04 88cc fffe")))
+    assert matches.is_of_type(fields(in_port=1, eth_type=0x88CC), matches.LLDP)
+    assert not matches.is_of_type(fields(in_port=1, eth_type=0x0800), matches.LLDP)
+    assert not matches.is_of_type(fields(in_port=1), matches.LLDP)
+    assert not matches.is_of_type(parse(bytes.fromhex("80000b04 88cc fffe")), matches.LLDP)
 
 
 def test_wide_match_covers_the_narrow_one() -> None:

@@ -47,7 +47,7 @@ FLOW_MOD = struct.Struct("!QQBBHHHIIIHH")  # as in the specification, 7.3.4.2
 def judged(message: bytes) -> None:
     mod = FlowMod.decode(message)
     told = [mod]
-    if is_light(mod, FIBERS):
+    if is_light(mod, FlowTable(FIBERS)):
         table = FlowTable(FIBERS)
         for fibers in ((1, 2), (3, 4)):
             table.change(of.mod({"in_port": fibers[0]}, of.outputs(fibers[1])))
@@ -172,7 +172,7 @@ def test_matches_raise_nothing_but_what_they_should_and_cover_what_they_say() ->
     assert len(read) > COUNT / 10
     for one in read:
         matches.in_port(one)
-        matches.is_lldp(one)
+        matches.is_of_type(one, matches.LLDP)
         assert matches.covers(one, one)
         other = random.choice(read)
         # The packet with just the values that the narrower one asks for meets the wider one, too.

@@ -50,6 +50,7 @@ def test_an_instrument_is_named_by_its_address(url: str) -> None:
     [
         ({"hardware": "gpib://7"}, "hardware 'gpib://7' is not known"),
         ({"analysers": 2}, "2 analysers with hardware scpi://.*: an instrument of mirrors has"),
+        ({"memories": 1}, "1 memories with hardware scpi://.*: an instrument of mirrors has"),
         ({"hardware": "192.0.2.7:5025"}, "not known"),
         ({"hardware": "scpi://"}, "not known"),
         ({"hardware": "scpi://a:0"}, "not known"),

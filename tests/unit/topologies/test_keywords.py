@@ -20,6 +20,7 @@ from topologies.nodes import (
 from topologies.system.runs import runtime
 from wire.config import QuantumSwitch
 from wire.parameters.physics import BadParameter
+from wire.parameters.switch import COMPOUND
 
 SLIP = {"insertion_los_db": 9.0}
 
@@ -96,7 +97,7 @@ def test_every_field_of_the_switchs_optics_is_a_keyword() -> None:
     for name, value in vars(QuantumSwitch("q1")).items():
         if name in ("name", "paths"):
             continue
-        is_part = name in ("analyser", "detectors", "gates")
+        is_part = name in COMPOUND
         problem = " is not a" if is_part else ": choose"
         with pytest.raises(ValueError, match=f"{name} 'much'{problem}"):
             make("q1", **{name: "much"})

@@ -15,6 +15,8 @@ from wire.analyser_frames import (
     port_description,
 )
 from wire.malformed import MalformedPacket
+from wire.parameters.physics import Memory
+from wire.parameters.switch import InnerPort, Kind
 
 SENDER = bytes.fromhex("020000000001")
 FRAME = AnalyserFrame(60_001, 7, End.MEASURED, 5, 0, bytes([0, 1, 2, 3, 255]))
@@ -49,7 +51,7 @@ def test_a_long_block_is_told_in_frames_that_ethernet_carries() -> None:
     [
         (12, 0x08),  # another EtherType
         (14, 0),  # another magic
-        (18, 4),  # an end that there is not
+        (18, 5),  # an end that there is not
         (18, 1),  # no partner, but outcomes
         (19, 1),  # where 0 is
         (21, 0),  # no outcomes of light that was measured
@@ -80,12 +82,18 @@ def test_counts_add_up_and_are_read_as_written() -> None:
     counts = AnalyserCounts(60_001)
     for report in (FRAME, ALONE, AnalyserFrame(60_001, 8, End.UNFIT, 2)):
         counts.add(report)
-    assert decode_counts(counts.encode()) == [
+    assert decode_counts(counts.encode(), AnalyserCounts) == [
         AnalyserCounts(60_001, 5, 1, 1, 1, 1, 1, no_partner=1, unfit=1)
     ]
     with pytest.raises(MalformedPacket, match="79 bytes"):
-        decode_counts(counts.encode()[:-1])
+        decode_counts(counts.encode()[:-1], AnalyserCounts)
 
 
 def test_the_description_of_an_inner_port_is_padded() -> None:
-    assert port_description(2, 1).hex() == "ffff001400514d4e00000001000100010000000200000000"
+    analyser = port_description(InnerPort(Kind.ANALYSER, 2, 1), Memory())
+    assert analyser.hex() == "ffff001400514d4e00000001000100010000000200000000"
+    memory = Memory(capacity=9, efficiency=0.5, t1_s=1.0, t2_s=2.0)
+    assert port_description(InnerPort(Kind.MEMORY, 3, 0), memory).hex() == (
+        "ffff003400514d4e000000010002000000000003"  # 52 bytes, of kind 2, the third
+        "000000090007a120000000003b9aca000000000077359400ffffffffffffffff00000000"
+    )

@@ -1,0 +1,152 @@
+"""Quantum memories of switches: light that is led to their inner ports waits there, block by block.
+
+    fibre --- 2 -> 61001 --- memory --- 61001 -> 60001 ---.
+                                                           analyser
+    fibre --- 3 -> 61002 --- memory --- 61002 -> 60002 ---'
+
+A block is stored when all of it has come. The first that came leaves first, as its pulses came one
+after the other. It leaves when a cross-connect leads on: to an analyser only when its partner is
+at the other input, or in a memory that leads to it; to anything else at once.
+"""
+
+import asyncio
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from functools import partial
+
+from dispatcher.layer.layer import PhysicalLayer
+from dispatcher.layer.ownership import Block, BlockName
+from dispatcher.operations.analysers import Analysers, Reports
+from dispatcher.operations.transport import Transport
+from dispatcher.refusal import Refusal
+from dispatcher.sabot.dense import TooLarge
+from dispatcher.timeouts import MEMORY_WAIT_S
+from wire.dispatcher_pb2 import BellOutcomes, SwitchStatisticsReply
+
+
+class SwitchMemories:
+    """The memories of all switches."""
+
+    def __init__(
+        self,
+        layer: PhysicalLayer,
+        transport: Transport,
+        analysers: Analysers,
+        reports: Reports,
+        failed: Callable[[BaseException], None],
+    ) -> None:
+        """Call `failed` with what ends a wait unexpectedly."""
+        self._layer, self._transport, self._failed = layer, transport, failed
+        self._analysers, self._reports = analysers, reports
+        memories, inputs = layer.network.memories, layer.network.analysers
+        self._held = {node: deque[Block]() for node in memories}
+        self._limits: dict[Block, asyncio.Task[None]] = {}
+        self._sending: set[str] = set()  # memories whose light is on its way
+        self._counts = {node: Counter[str]() for node in memories}
+        # By switch and port of an input: the analyser's node, and its other input.
+        self._partners = {
+            (part.switch, int(port)): (node, other)
+            for node, part in inputs.items()
+            for port, other in zip(part.ports, reversed(part.ports), strict=True)
+        }
+
+    def look(self, name: BlockName) -> None:
+        """Store light of a block that has come to a memory, and send on what can leave now."""
+        ownership, memories = self._layer.ownership, self._layer.network.memories
+        for block in ownership.parts(name) if memories else ():
+            is_new = block.node in memories and block not in self._limits
+            if is_new and not ownership.rest_flies(block):
+                self._store(block)
+        for switch in {part.switch for part in memories.values()}:
+            self.release(switch)
+
+    def release(self, switch: str) -> None:
+        """Send on what the cross-connects of a switch lead on, as long as there is any."""
+        while leaving := self._leaving(switch):
+            for node in leaving:
+                self._send(node)
+
+    def states(self, switch: str) -> Iterator[SwitchStatisticsReply.Memory]:
+        for node, part in self._layer.network.memories.items():
+            if part.switch == switch:
+                held = self._held[node]
+                yield SwitchStatisticsReply.Memory(
+                    port=int(part.ports[0]),
+                    held=sum(block.register.remaining for block in held),
+                    oldest_ns=held[0].first_ns if held else 0,
+                    **self._counts[node],
+                )
+
+    def _store(self, block: Block) -> None:
+        layer, node = self._layer, block.node
+        try:
+            layer.memories.store(block)
+        except Refusal as refusal:
+            layer.record(node, "refuse", block, block.port, str(refusal))
+            self._discard(block, BellOutcomes.UNFIT, "refused")
+            return
+        self._counts[node]["stored"] += block.register.remaining
+        layer.record(node, "store", block, block.port)
+        self._held[node].append(block)
+        limit = self._limits[block] = asyncio.create_task(self._expire(block))
+        limit.add_done_callback(self._ended)
+
+    async def _expire(self, block: Block) -> None:
+        clock, cutoff_s = self._layer.clock, min(block.cutoff_s, MEMORY_WAIT_S)
+        await clock.wait_until(block.last_ns + int(cutoff_s * 1e9))
+        self._take(block)
+        self._discard(block, BellOutcomes.CUT_OFF, "cut_off")
+
+    def _ended(self, limit: asyncio.Task[None]) -> None:
+        if not limit.cancelled() and (error := limit.exception()) is not None:
+            self._failed(error)
+
+    def _leaving(self, switch: str) -> list[str]:
+        """Return the memories whose first block can leave now."""
+        network, now_ns = self._layer.network, self._layer.clock.now_ns()
+        leads = network.switches[switch].timeline.open_outputs(now_ns)
+        ready = {
+            leads[int(part.ports[0])]: node
+            for node, part in network.memories.items()
+            if part.switch == switch and self._held[node] and node not in self._sending
+            if int(part.ports[0]) in leads
+        }
+        return [node for output, node in ready.items() if self._may_leave(switch, output, ready)]
+
+    def _may_leave(self, switch: str, output: int, ready: dict[int, str]) -> bool:
+        if (switch, output) not in self._partners:
+            return True
+        analyser, other = self._partners[switch, output]
+        return int(other) in ready or self._analysers.waits(analyser, other)
+
+    def _send(self, node: str) -> None:
+        block = self._held[node][0]
+        self._take(block)
+        photons, port = block.register.remaining, block.port
+        try:
+            self._transport.release(block, port, partial(self._sent, node))
+        except TooLarge as error:
+            self._layer.record(node, "refuse", block, port, str(error))
+            self._discard(block, BellOutcomes.UNFIT, "refused")
+            return
+        self._sending.add(node)
+        self._counts[node]["released"] += photons
+
+    def _sent(self, node: str) -> None:
+        self._sending.discard(node)
+        self.release(self._layer.network.memories[node].switch)
+
+    def _take(self, block: Block) -> None:
+        self._held[block.node].remove(block)
+        limit = self._limits.pop(block)
+        if limit is not asyncio.current_task():
+            limit.cancel()
+
+    def _discard(self, block: Block, end: "BellOutcomes.End", count: str) -> None:
+        layer, node = self._layer, block.node
+        self._counts[node][count] += block.register.remaining
+        name = BellOutcomes.End.Name(end).lower().replace("_", " ")
+        layer.record(node, "discard", block, block.port, name)
+        report = BellOutcomes(end=end, photons=block.register.size)
+        layer.drop(block)
+        self._reports.add(node, report)

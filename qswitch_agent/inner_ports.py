@@ -1,0 +1,51 @@
+"""Analysers and memories of a switch to its controllers: counts, and how light ended."""
+
+from collections.abc import Callable, Mapping
+
+from qswitch_agent.openflow.ports import Port
+from wire.analyser_frames import (
+    BROADCAST,
+    AnalyserCounts,
+    AnalyserFrame,
+    frames_of,
+    port_description,
+)
+from wire.parameters.physics import Memory
+from wire.parameters.switch import InnerPort
+
+NO_ADDRESS = bytes(6)
+IDEAL = Memory()
+
+
+class InnerPorts:
+    """All of one switch."""
+
+    def __init__(
+        self,
+        ports: Mapping[int, InnerPort],
+        send: Callable[[int, bytes], None],
+        memory: Memory = IDEAL,
+    ) -> None:
+        """`send` lets flow entries decide on a frame that comes from a port."""
+        self._ports, self._send, self._memory = ports, send, memory
+        self._addresses: dict[int, bytes] = {}  # of the inner ports
+        first = [port for port, inner in ports.items() if inner.which == 1]
+        self._counts = {port: AnalyserCounts(port) for port in first}
+
+    def description(self, number: int) -> bytes:
+        """Return the property of a port that says what it leads to."""
+        return port_description(self._ports[number], self._memory)
+
+    def update(self, ports: list[Port]) -> None:
+        self._addresses |= {port.number: port.address for port in ports}
+
+    def report(self, report: AnalyserFrame) -> None:
+        """Count outcomes, and send them by the flow entries of the analyser's port."""
+        if report.port in self._counts:
+            self._counts[report.port].add(report)
+        sender = self._addresses.get(report.port, NO_ADDRESS)
+        for frame in frames_of(report):
+            self._send(report.port, frame.encode(BROADCAST, sender))
+
+    def encode_counts(self) -> bytes:
+        return b"".join(counts.encode() for counts in self._counts.values())

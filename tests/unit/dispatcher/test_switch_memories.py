@@ -1,0 +1,154 @@
+"""Memories of a switch: light waits there until a cross-connect leads it on, or ends by name."""
+
+import math
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import uvloop
+from dispatcher_network import FAST_HZ, block, configuration, running
+from test_switch_analysers import PAIRS, PatientClock, Scene, correlated
+
+from wire.dispatcher_pb2 import BellOutcomes, MeasureRequest
+from wire.parameters.physics import BadParameter, Memory
+from wire.parameters.switch import QuantumSwitch
+
+FIRST, SECOND, ONE, TWO = 60_001, 60_002, 61_001, 61_002
+STORING = (3, ONE), (4, TWO)  # alice's and bob's fibres
+LEADING = (ONE, FIRST), (TWO, SECOND)
+TRAIN_S = (PAIRS - 1) / FAST_HZ
+
+
+def play(folder: Path, act: Callable[[Scene], Awaitable[None]], **memory: Any) -> None:
+    """Run a scene on the network whose q1 has an analyser and two memories."""
+
+    async def run() -> None:
+        clock = PatientClock()
+        q1 = QuantumSwitch("q1", analysers=1, memories=2, memory=Memory(**memory))
+        async with running(replace(configuration(folder), switches=[q1]), clock) as bench:
+            scene = Scene(bench, clock)
+            await scene.reports.initial_metadata()
+            await act(scene)
+            await scene.require_empty()
+            for node in ("q1-memory1", "q1-memory2"):
+                assert not bench.layer.ownership.at_node(node)
+            scene.reports.cancel()
+
+    uvloop.run(run())
+
+
+async def states(scene: Scene) -> list[tuple[int, ...]]:
+    """Return what is held, stored, released, cut off and refused at each memory."""
+    found = (await scene.bench.switch.statistics()).memories
+    assert [each.port for each in found] == [ONE, TWO]
+    return [(each.held, each.stored, each.released, each.cut_off, each.refused) for each in found]
+
+
+async def swapped(scene: Scene) -> np.ndarray[Any, Any]:
+    """Return the outcomes of a block that was measured."""
+    report = await scene.report()
+    assert (report.port, report.end) == (FIRST, BellOutcomes.MEASURED)
+    return np.frombuffer(report.outcomes, np.uint8)
+
+
+def agreement(folder: Path, basis: Any, wait_s: float, **memory: Any) -> tuple[float, int]:
+    """Let both halves wait in memory, then swap; return how often ends agree, of how many pairs."""
+    found: list[float] = []
+
+    async def act(scene: Scene) -> None:
+        await scene.bench.switch.connect(*STORING)
+        await scene.emit_both()
+        assert await states(scene) == [(PAIRS, PAIRS, 0, 0, 0)] * 2
+        came_ns = [b.start_ns for n in (1, 2) for b in at(scene, n)]
+        scene.clock.time_ns = sum(came_ns) // 2 + round(wait_s * 1e9)  # the sum is twice the wait
+        await scene.bench.switch.connect(*STORING, *LEADING)
+        outcomes = await swapped(scene)
+        assert await states(scene) == [(0, PAIRS, PAIRS, 0, 0)] * 2
+        found.append(await correlated(scene, outcomes, basis))
+        found.append(int(np.count_nonzero(outcomes != 255)))
+
+    play(folder, act, **memory)
+    return found[0], int(found[1])
+
+
+def at(scene: Scene, memory: int) -> list[Any]:
+    return scene.bench.layer.ownership.at_node(f"q1-memory{memory}")
+
+
+@pytest.mark.parametrize("basis", [MeasureRequest.Z, MeasureRequest.X, MeasureRequest.Y])
+def test_halves_that_have_waited_in_ideal_memories_swap(tmp_path: Path, basis: Any) -> None:
+    assert agreement(tmp_path, basis, 1e-3) == (1, PAIRS)
+
+
+def test_a_wait_dephases_and_loses_as_the_closed_forms_say(tmp_path: Path) -> None:
+    # Two halves that dephase for t each keep X with (1 + exp(-2 t/T2))/2; both come out with
+    # eta^2 exp(-2 t/T) (efficiency, and retrieval of time constant T).
+    agreed, seen = agreement(
+        tmp_path, MeasureRequest.X, 2e-3, t2_s=5e-3, efficiency=0.9, retrieval_s=10e-3
+    )
+    kept = 0.81 * math.exp(-0.4)
+    assert abs(seen - kept * PAIRS) < 5 * math.sqrt(PAIRS * kept * (1 - kept))
+    expected = (1 + math.exp(-0.8)) / 2
+    assert abs(agreed - expected) < 5 * math.sqrt(expected * (1 - expected) / seen)
+
+
+def test_the_first_half_waits_in_memory_for_the_second_which_need_not_wait(tmp_path: Path) -> None:
+    # T1 alone: |1> falls with 1 - exp(-t/T1) during the wait of alice's halves.
+    t1_s, wait_s, found = 5e-3, 4e-3, list[float]()
+
+    async def act(scene: Scene) -> None:
+        await scene.bench.switch.connect((3, ONE), (ONE, FIRST), (4, SECOND))
+        await scene.emit(scene.bench.alice, "alice-q0", 0)
+        (first,) = at(scene, 1)
+        scene.clock.time_ns = first.start_ns + round((wait_s - TRAIN_S) * 1e9)
+        await scene.emit(scene.bench.bob, "bob-q0", 1)
+        outcomes = await swapped(scene)
+        found.append(await correlated(scene, outcomes, MeasureRequest.Z))
+
+    play(tmp_path, act, t1_s=t1_s, t2_s=2 * t1_s)
+    expected = (1 + math.exp(-wait_s / t1_s)) / 2
+    assert abs(found[0] - expected) < 5 * math.sqrt(expected * (1 - expected) / PAIRS)
+
+
+def test_blocks_leave_in_the_order_in_which_they_came(tmp_path: Path) -> None:
+    async def act(scene: Scene) -> None:
+        await scene.bench.switch.connect(*STORING, *LEADING)
+        for number in (0, 2):
+            await scene.emit(scene.bench.alice, "alice-q0", number)
+        assert await states(scene) == [(2 * PAIRS, 2 * PAIRS, 0, 0, 0), (0, 0, 0, 0, 0)]
+        await scene.emit(scene.bench.bob, "bob-q0", 1)
+        assert await correlated(scene, await swapped(scene), MeasureRequest.X) == 1
+        assert (await states(scene))[0] == (PAIRS, 2 * PAIRS, PAIRS, 0, 0)
+        await scene.bench.switch.connect(*STORING, (ONE, 4))  # to bob, whole
+        feedback = await scene.bench.bob.receive(block(2, 1), "bob-q0")
+        assert feedback.photons == PAIRS
+
+    play(tmp_path, act)
+
+
+def test_light_that_nothing_releases_or_that_finds_no_room_ends_by_name(tmp_path: Path) -> None:
+    async def act(scene: Scene) -> None:
+        await scene.bench.switch.connect(*STORING)
+        await scene.emit(scene.bench.alice, "alice-q0", 0)
+        await scene.emit(scene.bench.alice, "alice-q0", 2)
+        report = await scene.report()
+        assert (report.port, report.end, report.photons) == (ONE, BellOutcomes.UNFIT, PAIRS)
+        scene.clock.over.set()
+        report = await scene.report()
+        assert (report.port, report.end, report.number) == (ONE, BellOutcomes.CUT_OFF, 2)
+        assert (await states(scene))[0] == (0, PAIRS, 0, PAIRS, PAIRS)
+
+    play(tmp_path, act, capacity=PAIRS + 1)
+
+
+def test_memories_that_no_switch_has_are_refused() -> None:
+    with pytest.raises(BadParameter, match="without memories has no effect; give memories=1"):
+        QuantumSwitch("q1", memory=Memory(capacity=5)).check()
+    for wrong in (Memory(kind="emissive"), Memory(false_herald=0.1), Memory(capacity=0)):
+        with pytest.raises(BadParameter, match="memories take in light, and tell what they hold"):
+            QuantumSwitch("q1", memories=1, memory=wrong).check()
+    with pytest.raises(BadParameter, match="memories have no noise models of one's own"):
+        QuantumSwitch("q1", memories=1, memory=Memory(noise="mine.py:Mine")).check()
