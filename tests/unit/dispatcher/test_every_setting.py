@@ -35,6 +35,9 @@ ELSEWHERE = {  # settings that no single job of hosts feels, and what tries them
         ("switch.analysers", "switch.analyser", "switch.detectors", "switch.gates"),
         "of a switch that measures: test_switch_analysers.py",
     ),
+    **dict.fromkeys(
+        ("switch.memories", "switch.memory"), "of a switch that stores: test_switch_memories.py"
+    ),
     "switch.min_power_dbm": "bounds what a port is tuned to: test_switch_requests.py",
 }
 
