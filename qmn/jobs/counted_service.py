@@ -23,7 +23,7 @@ from qmn.jobs.run_context import RunContext
 from qmn.jobs.stepped import with_pace
 from qmn.network.checks import FROM_TO, LINE, check_network, check_two_hosts
 from qmn.network.description import NetworkDescription, describe_network
-from qmn.network.felt_settings import checked_settings, everything, felt_by
+from qmn.network.felt_settings import Felt, checked_settings, everything, felt_by
 from qmn.network.light_checks import check_light
 from qmn.options import BadInput, check_ranges
 from qmn.requests.service import ServiceRequest
@@ -144,7 +144,17 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     """
     if request.eve is not None:
         request = replace(request, network=eavesdropping.with_eve(request.network))
-    network = describe_network(request.network)
+    request, network, felt = fitted(request, describe_network(request.network))
+    return request, checked_settings(request.service, felt, network)
+
+
+def fitted(
+    request: ServiceRequest, network: NetworkDescription
+) -> tuple[ServiceRequest, NetworkDescription, Felt]:
+    """Return the request as a network has it, the network, and what of its settings it can feel.
+
+    Raise BadInput for what cannot be done there.
+    """
     options = replace(request.options, host=network.node(request.receiver))
     request = replace(request, sender=network.node(request.sender), options=options)
     if request.service == RELAYED:
@@ -177,10 +187,9 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     if planned and request.network.policy:
         text = "--schedule and --purify make a policy of their own"
         raise BadInput(f"{text}: write [swap] schedule and rounds into --policy")
-    network = checked_settings(request.service, felt, network)
     options = fitting_light(request, network.parts.hosts.values())
     check_options(options, request.network.backend)
-    return replace(request, options=options), network
+    return replace(request, options=options), network, felt
 
 
 def with_beam_splitter(

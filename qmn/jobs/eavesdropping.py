@@ -97,13 +97,15 @@ def tapped_way(
 
 
 @contextmanager
-def eavesdropping(network: Network, attack: Attack | None, kept: ServiceJob) -> Iterator[None]:
+def eavesdropping(
+    network: Network, attack: Attack | None, kept: ServiceJob, label: str = ""
+) -> Iterator[None]:
     """Have eve attack meanwhile, if an attack is given; keep what she saw."""
     if attack is None:
         yield
         return
     command = [python(), "-m", "hosts.applications.intercept", *attack.words]
-    eve = network.run_on(EVE, EVE, [*command, "--stack", network.runtime.socket(EVE)])
+    eve = network.run_on(EVE, f"{label}{EVE}", [*command, "--stack", network.runtime.socket(EVE)])
     eve.wait_for("intercepting", START_TIMEOUT_S, network.check)
     try:
         yield

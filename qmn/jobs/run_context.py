@@ -35,11 +35,13 @@ from topologies.system.processes.signals import interrupted_words
 from views.live.beside import live_view
 from views.live.pages import Pages
 from views.report.beside import Draw, report_beside
+from wire.dispatcher_pb2 import StatusReply
 from wire.results.run_result import Approximated, EarlyNews, Job
 
 Work = Callable[[Signals, Console], int]
 Prepare = Callable[[Mapping[str, Machine]], None]
 Complete = Callable[[RunResult, Path], None]
+NO_LIGHT = StatusReply()
 
 
 def guarded(work: Work) -> int:
@@ -165,18 +167,20 @@ def _running(
                 yield network
             except TransferError:  # the network lasts: a service has failed, or given no key
                 with suppress(NetworkError):  # which would hide the cause
-                    _note_light(facts, network)
+                    note_light(facts, network)
                 raise
-        _note_light(facts, network)
+        note_light(facts, network)
     note_files(facts, network)
 
 
-def _note_light(facts: RunResult, network: Network) -> None:
+def note_light(facts: RunResult, network: Network, before: StatusReply = NO_LIGHT) -> None:
+    """Add what light there was since `before`, and how exactly it was simulated so far."""
     reached = status(network)
     facts.exact = reached.exact
     facts.approximations = [Approximated(each.name, each.most) for each in reached.approximations]
-    facts.pairs_made, facts.photons_lost = reached.pairs_created, reached.photons_lost
-    facts.photons_lost_waiting = reached.photons_lost_waiting
+    facts.pairs_made = reached.pairs_created - before.pairs_created
+    facts.photons_lost = reached.photons_lost - before.photons_lost
+    facts.photons_lost_waiting = reached.photons_lost_waiting - before.photons_lost_waiting
     early = worst(network.runtime)
     facts.acausal = EarlyNews(*early) if early else None
 

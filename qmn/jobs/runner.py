@@ -1,7 +1,7 @@
 """The runner of every job: starts a network, has two hosts use a service, reports, cleans up."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import partial
@@ -23,11 +23,13 @@ from qmn.results.run_result import RunResult
 from qmn.timeouts import START_TIMEOUT_S
 from topologies.networks.network import Network
 from topologies.system.machines.machine import Machine
-from topologies.system.processes.programs import NetworkError, Program, python
+from topologies.system.processes.programs import NetworkError, Program, python, stop_all
 from wire.network_time import NetworkTime, SteppedTime
 from wire.results.figures import Figures, KeyProgress
 from wire.results.run_result import Message, ServiceJob
 from wire.results.time_series import Line, figures
+
+Start = Callable[[str, str, Sequence[str]], Program]  # on a host, in a role, with words
 
 
 @dataclass(frozen=True)
@@ -70,14 +72,22 @@ def use_network(job: Job, context: RunContext, facts: RunResult, kept: ServiceJo
     """Start the network, do the job, and add to the facts, and to what is kept of the job."""
     with running_network(context, facts, partial(_require_keys_here, job)) as network:
         context.console.print(job.announcement)
-        with (
-            eavesdropping.eavesdropping(network, job.eve, kept),
-            _handing_out(network, job, kept) as take,
-            _progress_bar(context.console, job, kept, take) as progress,
-            lost_light(network, context.console) as lost,
-        ):
-            _use(network, job, context.folder, kept, progress, lost.look)
+        perform(job, network, context.folder, context.console, kept)
         facts.delivered = True
+
+
+def perform(
+    job: Job, network: Network, folder: Path, console: Console, kept: ServiceJob, label: str = ""
+) -> None:
+    """Do the job on a network that runs; the logs of its programs begin with the label."""
+    with (
+        eavesdropping.eavesdropping(network, job.eve, kept, label),
+        _handing_out(network, job, kept) as take,
+        _progress_bar(console, job, kept, take) as progress,
+        lost_light(network, console) as lost,
+        _programs(network, job, label) as start,
+    ):
+        _use(network, job, start, (folder, kept), progress, lost.look)
 
 
 def _require_keys_here(job: Job, places: Mapping[str, Machine]) -> None:
@@ -90,46 +100,60 @@ def _require_keys_here(job: Job, places: Mapping[str, Machine]) -> None:
             )
 
 
+@contextmanager
+def _programs(network: Network, job: Job, label: str) -> Iterator[Start]:
+    """Give what starts a program of the job on a host; end those that a failure leaves."""
+    started: list[Program] = []
+
+    def start(host: str, role: str, words: Sequence[str]) -> Program:
+        command = [python(), "-m", "hosts.applications.service", "--stack"]
+        command += [network.runtime.socket(host), job.service, str(job.options.port), *words]
+        started.append(network.run_on(host, f"{label}{role}", command))
+        return started[-1]
+
+    try:
+        yield start
+    except (TransferError, NetworkError):
+        network.explain()
+        raise
+    finally:
+        stop_all(started)
+
+
 def _use(
     network: Network,
     job: Job,
-    folder: Path,
-    kept: ServiceJob,
+    start: Start,
+    left: tuple[Path, ServiceJob],
     progress: Callable[[Line], None],
     look: Callable[[], None],
 ) -> None:
-    """Start both ends' applications, and follow them to their last words."""
+    """Start both ends' applications, and follow them to their last words.
+
+    They leave bytes in a folder, and their figures in the job.
+    """
+    folder, kept = left
     options = asdict(job.options)
     host = options.pop("host")
     del options["port"]
     address = [host, "--options", json.dumps(options)]
     output = ["--output", str(folder / result.RECEIVED)] if job.file else []
     source = ["--file", str(job.file), *_time(network.runtime.time)] if job.file else []
-    try:
-        asked = _start(network, job, job.acceptor, "asked", output)
-        others = [_start(network, job, host, f"asked-{host}", output) for host in job.others]
-        for waiting in (asked, *others):
-            waiting.wait_for("listening", START_TIMEOUT_S, network.check)
-        asking = _start(network, job, job.opener, "asking", [*address, *source])
-        progress(follow(network, asking, progress, look))
-        kept.asked = figures(follow(network, asked, lambda _line: None, look))
-        for waiting in others:
-            follow(network, waiting, lambda _line: None, look)
-    except (TransferError, NetworkError):
-        network.explain()
-        raise
+    asked = start(job.acceptor, "asked", output)
+    others = [start(host, f"asked-{host}", output) for host in job.others]
+    for waiting in (asked, *others):
+        waiting.wait_for("listening", START_TIMEOUT_S, network.check)
+    asking = start(job.opener, "asking", [*address, *source])
+    progress(follow(network, asking, progress, look))
+    kept.asked = figures(follow(network, asked, lambda _line: None, look))
+    for waiting in others:
+        follow(network, waiting, lambda _line: None, look)
 
 
 def _time(network_time: NetworkTime) -> list[str]:
     if isinstance(network_time, SteppedTime):
         return ["--time-folder", network_time.folder]
     return ["--time-scale", str(network_time.scale)]
-
-
-def _start(network: Network, job: Job, host: str, role: str, words: list[str]) -> Program:
-    command = [python(), "-m", "hosts.applications.service", "--stack"]
-    command += [network.runtime.socket(host), job.service, str(job.options.port), *words]
-    return network.run_on(host, role, command)
 
 
 @contextmanager

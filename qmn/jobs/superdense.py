@@ -17,8 +17,8 @@ from qmn.jobs.run_context import RunContext
 from qmn.jobs.stepped import with_pace
 from qmn.network.checks import FROM_TO, check_network, check_two_hosts
 from qmn.network.custom_topology import short_name
-from qmn.network.description import describe_network
-from qmn.network.felt_settings import checked_settings, felt_by
+from qmn.network.description import NetworkDescription, describe_network
+from qmn.network.felt_settings import Felt, checked_settings, felt_by
 from qmn.network.light_checks import check_light
 from qmn.options import BadInput, check_ranges
 from qmn.requests.superdense import SERVICE, SuperdenseRequest
@@ -49,19 +49,37 @@ def run(request: SuperdenseRequest, signals: Signals, console: Console) -> int:
 def begun(
     request: SuperdenseRequest, signals: Signals, console: Console
 ) -> tuple[runner.Job, RunContext]:
-    network = describe_network(request.network)
-    options = replace(request.options, host=network.node(request.receiver))
-    request = replace(request, sender=network.node(request.sender), options=options)
-    size = check_input(request, network.hosts, network.dark_hosts)
-    network = with_pace(network, request.run)
-    ends = request.sender, request.receiver
-    check_light(SERVICE, ends, network.parts)
-    network = checked_settings(SERVICE, felt_by(SERVICE, ends, network.parts), network)
+    request, network = checked(request)
     require_free(network.topo)
-    tell_estimate(request, size, console)
+    tell_estimate(request, message_size(request), console)
     folder = begin_folder(request.run.runs, short_name(request.network.topology))
     context = RunContext(network, request.run, folder, signals, console)
     return job(request, message_file(request, folder)), context
+
+
+def checked(request: SuperdenseRequest) -> tuple[SuperdenseRequest, NetworkDescription]:
+    """Return the request with what follows from it, and its network.
+
+    Raise BadInput or BadTopology before anything is started.
+    """
+    request, network, felt = fitted(request, describe_network(request.network))
+    return request, checked_settings(SERVICE, felt, network)
+
+
+def fitted(
+    request: SuperdenseRequest, network: NetworkDescription
+) -> tuple[SuperdenseRequest, NetworkDescription, Felt]:
+    """Return the request as a network has it, the network, and what of its settings it can feel.
+
+    Raise BadInput for what cannot be done there.
+    """
+    options = replace(request.options, host=network.node(request.receiver))
+    request = replace(request, sender=network.node(request.sender), options=options)
+    check_input(request, network.hosts, network.dark_hosts)
+    network = with_pace(network, request.run)
+    ends = request.sender, request.receiver
+    check_light(SERVICE, ends, network.parts)
+    return request, network, felt_by(SERVICE, ends, network.parts)
 
 
 def message_file(request: SuperdenseRequest, folder: Path) -> Path:

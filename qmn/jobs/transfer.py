@@ -16,6 +16,11 @@ from wire.results.time_series import Line, fields_of
 class TransferError(Exception):
     """The message did not arrive, or the service failed; the text says why and what to do."""
 
+    def __init__(self, text: str, reason: str = "") -> None:
+        """`reason` is the name of that of the session, if it gave one."""
+        super().__init__(text)
+        self.reason = reason
+
 
 class Lines:
     """The lines of JSON that a program prints, read as they come."""
@@ -67,7 +72,8 @@ def follow_all(
             for fields in lines.new():
                 deadline = time.monotonic() + limit_s
                 if fields.get("event") == "failed":
-                    raise TransferError(with_elements(network, str(fields["text"])))
+                    text = with_elements(network, str(fields["text"]))
+                    raise TransferError(text, str(fields.get("reason", "")))
                 if fields.get("event") == "done":
                     last[name] = fields
                     break

@@ -1,6 +1,6 @@
 """The request of a service that is about a number of things, as states or pairs."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from hosts.middleware.session.options import ServiceOptions
 from qmn.network.options import NetworkOptions
 from qmn.options import from_keywords
 from qmn.requests.run_options import RunOptions
-from qmn.requests.service_verbs import SERVICE_PORT, verb_of
+from qmn.requests.service_verbs import SERVICE_PORT, Verb, verb_of
 from wire.device import MAX_LEVEL_ROUNDS
 from wire.parameters.option import option, recorded_as
 
@@ -104,6 +104,23 @@ class ServiceRequest(SenderOptions, BlockOptions, EavesdropperOptions, HandOutOp
     def others(self) -> tuple[str, ...]:
         names = self.options.names if isinstance(self.options, GhzOptions) else []
         return tuple(names[2:])
+
+
+def parts_of(verb: Verb) -> list[type[Any]]:
+    """Return the classes of options, beside those of its session, that a verb has."""
+    has = {
+        SenderOptions: not verb.line,
+        BlockOptions: True,
+        EavesdropperOptions: verb.eavesdropper,
+        HandOutOptions: bool(verb.protocols),
+        SwapOptions: verb.scheduled,
+    }
+    return [part for part, is_there in has.items() if is_there]
+
+
+def has_option(verb: Verb, name: str) -> bool:
+    """Return whether a verb has an option of these classes."""
+    return any(each.name == name for part in parts_of(verb) for each in fields(part))
 
 
 def ends_of_line(service: str, line: str) -> dict[str, str]:

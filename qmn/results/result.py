@@ -33,6 +33,12 @@ MOST_IDS = 100  # of sessions
 
 
 def complete(facts: RunResult, folder: Path) -> None:
+    note_outcome(facts, folder, read_record(folder))
+    facts.write(folder)
+
+
+def note_outcome(facts: RunResult, folder: Path, record: list[dict[str, Any]]) -> None:
+    """Add what a job has come to: by its figures, the bytes in its folder, and the controller."""
     if isinstance(facts.job, ServiceJob) and facts.job.message is not None:
         facts.job.message = service_result.message(facts.job.message.file, folder)
         facts.delivered = facts.job.message.arrived
@@ -40,8 +46,7 @@ def complete(facts: RunResult, folder: Path) -> None:
     facts.elapsed_s = figures.get("elapsed_s", facts.elapsed_s)
     if facts.time == PACED:
         facts.emulation = emulation(figures, facts.elapsed_s, facts.time_scale)
-    note_controller(facts, read_record(folder))
-    facts.write(folder)
+    note_controller(facts, record)
 
 
 def emulation(

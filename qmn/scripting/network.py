@@ -10,12 +10,15 @@ from dataclasses import dataclass, fields
 from typing import Any, TypedDict, Unpack
 
 from programs.network_waits import NetworkWaits
+from qmn.jobs import on_network
+from qmn.jobs.on_network import Made
 from qmn.network.checks import check_two_hosts
 from qmn.options import BadInput
 from qmn.results.result import network_facts
 from qmn.running.controller_console import ask
 from qmn.running.dispatcher_calls import held_blocks, switch_conditions, switch_statistics
 from qmn.scripting.exchange import Exchange, exchange, explained, opened
+from qmn.scripting.job_result import JobResult
 from qmn.scripting.light import FiberState, LightPath, fiber_state, light_path
 from qmn.scripting.tables import SIMPLE, Row, TableOf, Tabular, drawn, row_of
 from topologies.networks.network import Network
@@ -71,10 +74,22 @@ class HostState(Tabular):
 class QuantumNetwork(Network):
     """A running network; `net` is Mininet's object, `host("alice")` one of its hosts."""
 
+    made: Made  # what jobs are checked against
+    jobs = 0  # that were done on it
+
     @property
     def quantum_hosts(self) -> list[str]:
         """Return the names of the hosts that have light."""
         return [host.name for host in self.net.hosts if isinstance(host, QuantumHost)]
+
+    def run(self, job: str, **options: Any) -> JobResult:
+        """Do a job of `qmn run`, as run("swap", count=500); return what its result.json has.
+
+        Options are those of the command line, in Python's spelling. Raise BadInput for one that
+        needs another network, TransferError if the job fails; the network goes on standing.
+        """
+        self.jobs += 1
+        return JobResult(**vars(on_network.run(self, self.made, job, options, self.jobs)))
 
     def send(
         self, sender: str, receiver: str, data: bytes, **options: Unpack[SendOptions]

@@ -4,10 +4,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from mininet.topo import Topo
 
+from qmn.jobs.on_network import Made, made_as, network_for
 from qmn.machines.options import MACHINES, MachineOptions, machine_facts, machines_of
 from qmn.network.checks import check_network
 from qmn.network.description import (
@@ -68,7 +70,35 @@ def start(
                 raise BadInput(f"{word} is of the topologies of qmn: say of which part it is")
         description = describe_own(topo, asked)
     check_network(asked)
-    where = from_keywords(MachineOptions, of_machines)
+    with _standing(made_as(description), description, folder, of_machines) as network:
+        yield network
+
+
+@contextmanager
+def start_for(
+    job: str, folder: Path | str | None = None, **options: Any
+) -> Iterator[QuantumNetwork]:
+    """Start a network made for a job of `qmn run`, by options of both, on which it can `run`.
+
+    Its topology is that of the job, unless one is named; it has the eavesdropper or the schedule of
+    repeaters that the job asks for. Otherwise as `start`.
+    """
+    find_tools()
+    of_machines = {name: options.pop(name) for name in MACHINES if name in options}
+    wanted = network_for(job, options)
+    with (
+        TemporaryDirectory(prefix="qmn-policy-") as policies,
+        _standing(wanted.made, wanted.description(Path(policies)), folder, of_machines) as network,
+    ):
+        yield network
+
+
+@contextmanager
+def _standing(
+    made: Made, description: NetworkDescription, folder: Path | str | None, machines: dict[str, Any]
+) -> Iterator[QuantumNetwork]:
+    """Run a network that has been described; `made` is what of it jobs are checked against."""
+    where = from_keywords(MachineOptions, machines)
     if not are_own():
         description = description.paced_for(
             "other processes would hold its clock: start it by `qmn script`"
@@ -80,6 +110,7 @@ def start(
         running(description, folder, where) as network,
         live_view(False, network.runtime.logs),
     ):
+        network.made = replace(made, description=replace(made.description, pace=description.pace))
         yield network
 
 
@@ -100,6 +131,7 @@ def running(
         runtime.places = places
         runtime.watched = Pages.of_command() is not None
         network = QuantumNetwork(description.build, runtime, signals)
+        network.made = made_as(description)
         try:
             with network, signals.at_once():
                 if places:

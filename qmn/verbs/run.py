@@ -16,15 +16,7 @@ from qmn.options import add_options, read, titled
 from qmn.parser import Parser
 from qmn.registered import JOB, JOBS, registered
 from qmn.requests.run_options import RunOptions
-from qmn.requests.service import (
-    BlockOptions,
-    EavesdropperOptions,
-    HandOutOptions,
-    SenderOptions,
-    ServiceRequest,
-    SwapOptions,
-    ends_of_line,
-)
+from qmn.requests.service import ServiceRequest, ends_of_line, parts_of
 from qmn.requests.service_verbs import APPLICATION_PORT, SERVICE_PORT, VERBS, Verb
 from qmn.requests.superdense import SuperdenseRequest
 from wire.parameters.option import WRITTEN, Declaration
@@ -107,14 +99,7 @@ def _describe_service(parser: Parser, name: str, verb: Verb) -> None:
     rate = f"of the source ({kind.rate_hz}, or as fast as the slowest source can)"
     block = f"pairs in a block ({kind.block_pairs}, or what is made in {MAX_BLOCK_S:g} s)"
     words: dict[str, Declaration] = {"rate_hz": {"help": rate}, "block_pairs": {"help": block}}
-    has = {
-        SenderOptions: not verb.line,
-        BlockOptions: True,
-        EavesdropperOptions: verb.eavesdropper,
-        HandOutOptions: bool(verb.protocols),
-        SwapOptions: verb.scheduled,
-    }
-    for options in (each for each, is_there in has.items() if is_there):
+    for options in parts_of(verb):
         add_options(parser, options, words=words, group=JOB)
     add_topology(parser, verb.topology)
     add_options(parser, NetworkOptions, leave_out=() if verb.keys else KEYS)

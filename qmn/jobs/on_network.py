@@ -1,0 +1,156 @@
+"""A job on a network that stands, and goes on standing when the job has ended."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from qmn.jobs import counted_service, eavesdropping, runner, superdense
+from qmn.jobs.run_context import RunContext, known_facts, note_light
+from qmn.jobs.transfer import TransferError
+from qmn.network.description import NetworkDescription
+from qmn.network.options import NetworkOptions
+from qmn.options import BadInput, from_keywords
+from qmn.requests.of_job import OF_NETWORK, JobRequest, request_of
+from qmn.requests.run_options import RunOptions
+from qmn.requests.service import ServiceRequest, has_option
+from qmn.requests.service_verbs import verb_of
+from qmn.results.pace_row import note_pace
+from qmn.results.result import network_facts, note_outcome
+from qmn.results.run_result import RunResult
+from qmn.running.dispatcher_calls import status
+from topologies.networks.network import Network, Signals
+from wire.controller_lines import read_record
+from wire.metadata.vocabulary import Reason
+
+OUTCOMES = (Reason.TOO_NOISY.name,)  # of sessions that have ended as they should
+NOT_TAPPED = "this network has eve on its fibre: say eve=0 if she is to do nothing"
+
+
+@dataclass(frozen=True)
+class Made:
+    """A network as it was made: by its options, and by those of the job that it is for."""
+
+    description: NetworkDescription  # without the policy that these options need
+    fixed: Mapping[str, Any]  # of `_fixed_by`
+
+
+@dataclass(frozen=True)
+class NetworkFor:
+    """A network to be started for a job, with the policy that the job needs."""
+
+    made: Made
+    request: JobRequest
+
+    def description(self, folder: Path) -> NetworkDescription:
+        """Return what is to be started; its policy is written into the folder."""
+        if isinstance(self.request, ServiceRequest):
+            return counted_service.with_policy(self.request, self.made.description, folder)
+        return self.made.description
+
+
+def network_for(job: str, given: Mapping[str, Any]) -> NetworkFor:
+    """Return the network that a job with these options needs; raise BadInput or BadTopology."""
+    request = request_of(job, given)
+    if isinstance(request, ServiceRequest):
+        request, network = counted_service.checked(request)
+    else:
+        request, network = superdense.checked(request)
+    return NetworkFor(Made(network, _fixed_by(request, network)), request)
+
+
+def run(network: Network, made: Made, job: str, given: Mapping[str, Any], number: int) -> RunResult:
+    """Do a job on the network; raise BadInput for one that needs another network.
+
+    Light that is too noisy is an outcome: not delivered, with an `error`. Logs of its programs
+    begin with its number, which its folder has, too.
+    """
+    asked = {name: value for name, value in given.items() if name not in OF_NETWORK}
+    request = request_of(job, asked)
+    _require_same(made, job, {name: given[name] for name in given.keys() & OF_NETWORK})
+    request = _fitted(made, job, replace(request, network=made.description.options))
+    label = f"{number}-{job}"
+    folder = network.runtime.logs / label
+    folder.mkdir(exist_ok=True)
+    console = Console(quiet=True)
+    of_network = made.description
+    if isinstance(request, ServiceRequest):
+        task = counted_service.job(request, of_network)
+    else:
+        task = superdense.job(request, superdense.message_file(request, folder))
+    context = RunContext(of_network, RunOptions(), folder, Signals(), console)
+    hosts = task.opener, task.acceptor, *task.others
+    kept = task.result
+    facts = known_facts(context, task.service, hosts, kept, task.request)
+    note_pace(facts, of_network.pace)
+    facts.network = network_facts(network)
+    before, known = status(network), len(read_record(network.runtime.logs))
+    try:
+        runner.perform(task, network, folder, console, kept, f"{label}-")
+        facts.delivered = True
+    except TransferError as error:
+        if error.reason not in OUTCOMES:
+            raise
+        facts.error = str(error)
+    note_light(facts, network, before)
+    note_outcome(facts, folder, read_record(network.runtime.logs)[known:])
+    facts.write(folder)
+    return facts
+
+
+def _require_same(made: Made, job: str, given: Mapping[str, Any]) -> None:
+    """Raise BadInput for an option of networks that has another value in this one."""
+    options = made.description.options
+    asked = from_keywords(NetworkOptions, given, topology=given.get("topology", options.topology))
+    for name in sorted(given):
+        if (value := getattr(asked, name)) != (stands := getattr(options, name)):
+            error = _fixed_at_start(job, name, value)
+            raise BadInput(f"{error}; this one has {stands!r}")
+
+
+def _fitted(made: Made, job: str, request: JobRequest) -> JobRequest:
+    """Return the request as the network has it; raise BadInput if it needs another one."""
+    network = made.description
+    if not isinstance(request, ServiceRequest):
+        return superdense.fitted(request, network)[0]
+    if request.eve is not None and made.fixed["eve"] is None:
+        raise _fixed_at_start(job, "eve", request.eve)
+    request, needed, _felt = counted_service.fitted(request, network)
+    if needed.options.device != network.options.device:
+        text = f"{request.service} needs {needed.options.device[-1]}"
+        raise BadInput(f"{text}: start_for({job!r}, protocol={request.service!r}) has it")
+    for name, value in _fixed_by(request, network).items():
+        if value == made.fixed[name] or not has_option(verb_of(request.service), name):
+            continue
+        if name == "eve" and value is None:
+            raise BadInput(NOT_TAPPED)
+        raise _fixed_at_start(job, name, getattr(request, name))
+    return request
+
+
+def _fixed_at_start(job: str, name: str, value: object) -> BadInput:
+    option = f"{name}={value!r}"
+    return BadInput(
+        f"{option} is fixed when a network starts: start_for({job!r}, {option}) starts one for it"
+    )
+
+
+def _fixed_by(request: JobRequest, network: NetworkDescription) -> dict[str, Any]:
+    """Return what options of a job make part of a network's policy: whose light eve sees, a plan.
+
+    None of it: the policy needs nothing.
+    """
+    if not isinstance(request, ServiceRequest):
+        return dict.fromkeys(("eve", "schedule", "purify"))
+    way = None
+    if request.eve is not None:
+        ends = request.sender, request.receiver
+        way = eavesdropping.tapped_way(request.service, ends, request.options.source, network)
+    return {"eve": way, "schedule": request.schedule, "purify": request.purify}
+
+
+def made_as(description: NetworkDescription) -> Made:
+    """Return a network that was made for no job in particular."""
+    return Made(description, dict.fromkeys(("eve", "schedule", "purify")))

@@ -1,0 +1,88 @@
+"""Jobs that a script does, one after the other, on a network that goes on standing."""
+
+from math import exp, sqrt
+from pathlib import Path
+
+import pytest
+
+from qmn.options import BadInput
+from qmn.results.run_result import RunResult
+from qmn.scripting import start, start_for
+from wire.results.figures import GhzFigures, KeyFigures, PairFigures, TeleportFigures
+from wire.results.run_result import ServiceJob
+
+SIGMAS = 5
+
+
+def asked(result: RunResult) -> PairFigures:
+    """Return the figures of the host that was asked for pairs."""
+    assert isinstance(result.job, ServiceJob)
+    assert isinstance(result.job.asked, PairFigures)
+    return result.job.asked
+
+
+def test_pairs_of_two_swaps_dephase_by_the_sum_of_their_waits(tmp_path: Path) -> None:
+    """The sum is that of docs/swapping.md; T2 is the same of all memories, and T1 endless."""
+    t2_s = 0.003
+    memories = [f"{host}.memory.t2_s={t2_s}" for host in ("alice", "r1", "r2", "bob")]
+    wanted = {"count": 3000, "sample": 0.5}
+    with start_for("swap", tmp_path, repeaters=2, length_km=10, device=memories) as network:
+        first = network.run("swap", **wanted)
+        second = network.run("swap", repeaters=2, **wanted)
+    for result in (first, second):
+        figures = asked(result)
+        assert (result.delivered, figures.pairs, result.sessions.granted) == (True, 3000, 4)
+        assert figures.repeaters_waited_ms is not None
+        assert figures.waited_ms is not None
+        waits_s = 2 * (sum(figures.repeaters_waited_ms) + figures.waited_ms) / 1000
+        expected = (1 + exp(-waits_s / t2_s)) / 2
+        assert 0.6 < expected < 0.95
+        error = SIGMAS * sqrt(3 * 0.25 / figures.sampled)  # three bases share the sample
+        assert figures.fidelity is not None
+        assert abs(figures.fidelity - expected) < error
+    assert second.pairs_made == first.pairs_made  # of a job alone, not of all so far
+    assert (tmp_path / "2-swap" / "result.json").is_file()
+    assert second.rows()[0]["repeaters"] == 2
+
+
+def test_all_kinds_of_jobs_follow_each_other_and_impossible_ones_are_refused() -> None:
+    with start("sdc") as network:
+        assert network.run("sdc", message="hello").delivered
+        teleported = network.run("teleport", count=500).asking
+        assert isinstance(teleported, TeleportFigures)
+        assert teleported.fidelity == 1
+        states = network.run("ghz", line="alice,bob,charlie", count=100).asking
+        assert isinstance(states, GhzFigures)
+        assert states.fidelity == 1
+        for job, options, why in (
+            ("swpa", {}, "did you mean swap"),
+            ("swap", {"cuont": 1}, "did you mean count"),
+            ("teleport", {"eve": 0.1}, "no effect on teleport"),
+            ("teleport", {"captures": "none"}, "of `qmn run`"),
+            ("teleport", {"length_km": 5.0}, r"start_for\('teleport', length_km=5.0\)"),
+            ("qkd", {"eve": 0.1}, r"start_for\('qkd', eve=0.1\)"),
+            ("qkd", {"protocol": "mdi"}, r"start_for\('qkd', protocol='mdi'\)"),
+            ("qkd", {"protocol": "mid"}, "did you mean mdi"),
+            ("swap", {"schedule": "nested"}, r"start_for\('swap', schedule='nested'\)"),
+        ):
+            with pytest.raises(BadInput, match=why):
+                network.run(job, **options)
+        assert network.run("distribute", count=200).delivered
+
+
+def test_eve_takes_another_fraction_of_the_light_of_each_job() -> None:
+    """Intercept and resend makes an error rate of a quarter of her fraction."""
+    with start_for("qkd", eve=0) as network:
+        for fraction in (0.0, 0.2, 0.6):
+            result = network.run("qkd", eve=fraction, count=4000)
+            figures = result.asking
+            assert isinstance(figures, KeyFigures)
+            assert figures.qber is not None
+            least = 300  # bits that are compared for the test, if no key can be
+            error = SIGMAS * sqrt(fraction / 4 * (1 - fraction / 4) / least)
+            assert abs(figures.qber - fraction / 4) <= error
+        assert result.delivered is False
+        assert result.error is not None
+        assert result.error.startswith("no key: ")
+        with pytest.raises(BadInput, match="eve=0"):
+            network.run("qkd", count=1000)
