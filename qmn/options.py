@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin
 
 from wire.parameters.checks import check_choice, check_number, remedy
 from wire.parameters.option import Declaration, declared
+from wire.parameters.quantity import quantity
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -205,7 +206,10 @@ def _value(option: "Field[Any]", given: Any) -> Any:
 
 
 def _parsed(option: "Field[Any]", kind: Callable[[str], Any], given: Any) -> Any:
+    parse = declared(option).get("parse", kind)
     try:
-        return declared(option).get("parse", kind)(str(given))
+        if parse is int or parse is float:
+            return quantity(option.name, str(given), parse)
+        return parse(str(given))
     except (ValueError, argparse.ArgumentTypeError) as error:
         raise BadInput(f"{option.name}: {error}") from error

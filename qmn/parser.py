@@ -6,11 +6,11 @@ from textwrap import fill
 from types import MappingProxyType
 from typing import Any, NoReturn
 
-from wire.parameters.checks import NEAR, check_choice, nearest, share
+from wire.parameters.checks import NEAR, check_choice, nearest
+from wire.parameters.quantity import quantity
 
 REQUIRED = "the following arguments are required:"  # argparse's words
 NO_HEADINGS: Mapping[str, Collection[str]] = MappingProxyType({})
-NUMBERS: dict[object, str] = {int: "a whole number", float: "a number"}
 
 
 def listed(title: str, what: Mapping[str, str]) -> str:
@@ -93,17 +93,12 @@ class Parser(argparse.ArgumentParser):
 
     def _get_value(self, action: argparse.Action, text: str) -> Any:
         """Read a value; say what it is to be."""
-        meaning = NUMBERS.get(action.type)
         try:
+            if action.type is int or action.type is float:
+                return quantity(action.dest, text, action.type)
             return super()._get_value(action, text)
-        except argparse.ArgumentError as error:
-            if meaning is None:
-                raise
-            if action.type is int and (whole := whole_number(text)) is not None:
-                return whole
-            remedy = share(text) if action.type is float else ""
-            words = f"{name_of(action)} {text!r}: choose {meaning}{remedy}"
-            raise self._refused(words) from error
+        except ValueError as error:
+            raise self._refused(f"{name_of(action)} {error}") from error
 
     def _refused(self, text: str) -> argparse.ArgumentError:
         return argparse.ArgumentError(None, text)
@@ -112,15 +107,6 @@ class Parser(argparse.ArgumentParser):
         """End with what is wrong and where the usage is: that of a run is longer than a screen."""
         message = message.removeprefix("argument ").replace(REQUIRED, "missing:")
         self.exit(2, f"{self.prog}: error: {message} (`{self.prog} --help` lists all)\n")
-
-
-def whole_number(text: str) -> int | None:
-    """Return the whole number that is written as one with a point or exponent, such as 1e6."""
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return int(value) if value.is_integer() else None
 
 
 def name_of(action: argparse.Action) -> str:

@@ -24,6 +24,7 @@ from topologies.description.description import Description, describe
 from topologies.fabric import fiber_of
 from topologies.links.copper_lengths import assign_copper_lengths
 from topologies.links.fiber import resolved
+from topologies.nodes import QuantumHost
 from wire.parameters.fiber import FiberOptics, optics
 from wire.parameters.physics import Device
 
@@ -114,6 +115,7 @@ def _described(
 ) -> NetworkDescription:
     topo = build()
     content = content_of(topo)
+    words = words.of_hosts([host.name for host in content.of(QuantumHost)])
     words.set_parts(content)
     assign_copper_lengths(topo)
     parts = describe(content)

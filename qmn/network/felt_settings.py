@@ -14,6 +14,7 @@ import networkx
 
 from qmn.network.description import NetworkDescription
 from qmn.network.light_checks import making
+from qmn.network.part_options import is_pattern
 from qmn.options import BadInput
 from topologies.description.description import Description
 from wire.features import EMIT, HERALD, INTERFERE, MEASURE, STORE
@@ -235,7 +236,10 @@ def checked_settings(job: str, felt: Felt, network: NetworkDescription) -> Netwo
             raise BadInput(f"--node {word}: {host} takes no part in {job}: leave it out")
     for word in options.device:
         host, _dot, setting = word.partition("=")[0].partition(".")
-        if setting not in felt.devices.get(host, ()):
+        if is_pattern(word):
+            if not any(setting in settings for settings in felt.devices.values()):
+                raise BadInput(f"--device {word}: {job} does not use {setting}: leave it out")
+        elif setting not in felt.devices.get(host, ()):
             raise BadInput(f"--device {word}: {_unfelt(job, host, setting, felt)}")
     _check_fibers_and_switches(job, felt, network)
     unused = (

@@ -78,8 +78,8 @@ class LightOptions:
     )
     device: tuple[str, ...] = option(
         (),
-        "parameter of a device of a host, as bob.detectors.efficiency=0.8 (repeatable; "
-        "docs/devices.md)",
+        "parameter of a device of a host, as bob.detectors.efficiency=0.8, or of every one, as "
+        "'*.memory.t2_s=100ms' (repeatable; docs/devices.md)",
         metavar="HOST.PART.NAME=VALUE",
     )
     channels: int | None = option(None, f"channels {EVERY}, by wavelength (1)", metavar="N")

@@ -8,6 +8,7 @@ import json
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
+from fnmatch import fnmatchcase
 from functools import cached_property
 from typing import Any
 
@@ -19,9 +20,10 @@ from topologies.links.fiber import resolved
 from topologies.nodes import OpticalSwitch, QuantumHost
 from topologies.nodes.quantum_host import PARTS as DEVICE_PARTS
 from topologies.nodes.quantum_host import device_of
-from wire.parameters.checks import check_names, number
+from wire.parameters.checks import check_names
 from wire.parameters.fiber import KINDS, FiberOptics, optics
 from wire.parameters.physics import Device
+from wire.parameters.quantity import quantity
 from wire.parameters.switch import COMPOUND, QuantumSwitch
 from wire.parameters.switch import OPTICS as SWITCH_OPTICS
 
@@ -70,6 +72,23 @@ class PartOptions:
         kind = kind_of_all(self.node)
         return node_device(kind, self.preset) if kind else self.preset
 
+    def of_hosts(self, hosts: Sequence[str]) -> "PartOptions":
+        """Return the same with a word for each host that a pattern (*, r?) stands for.
+
+        Raise BadTopology for a pattern of none.
+        """
+        words: list[str] = []
+        for word in self.device:
+            pattern, dot, setting = word.partition(".")
+            if not dot or not is_pattern(word):
+                words.append(word)
+                continue
+            meant = [host for host in hosts if fnmatchcase(host, pattern)]
+            if not meant:
+                raise BadTopology(f"--device {word}: no host is {pattern}, of {', '.join(hosts)}")
+            words += (f"{host}{dot}{setting}" for host in meant)
+        return replace(self, device=words)
+
     def set_parts(self, content: Content) -> None:
         """Change the parts of a topology as the words say; raise BadTopology, or ValueError."""
         self._set_fibers(content)
@@ -109,6 +128,12 @@ class PartOptions:
                 switches[switch][name] = value
 
 
+def is_pattern(word: str) -> bool:
+    """Return whether a word of --device is about all hosts of a pattern."""
+    host = word.partition("=")[0].partition(".")[0]
+    return any(sign in host for sign in "*?[")
+
+
 def set_device(info: Info, device: Device) -> None:
     """Give a host another device; a source stays one."""
     info["source"] = bool(info.get("source"))
@@ -134,18 +159,18 @@ def _said(
                 f"where NAME is of {', '.join(known)}"
             )
         check_names(f"--{option} {word}: a {KIND_OF[option]}", [name], known, BadTopology)
-        yield word, place, name, _value(option, word, text, known[name])
+        yield word, place, name, _value(f"--{option} {word}", name, text, known[name])
 
 
-def _value(option: str, word: str, text: str, default: Any, of_none: type = float) -> Any:
+def _value(where: str, name: str, text: str, default: Any, of_none: type = float) -> Any:
     """Return a parameter's value as the kind of its default, or that of one which may be None."""
     kind: Any = of_none if default is None else type(default)
-    if kind in (int, float):
-        return number(f"--{option} {word}", text, kind, BadTopology)
     try:
+        if kind in (int, float):
+            return quantity(name, text, kind)
         return kind(json.loads(text) if kind in (dict, tuple) else text)
     except (TypeError, ValueError) as error:
-        raise BadTopology(f"--{option} {word}: {error}") from error
+        raise BadTopology(f"{where}: {error}") from error
 
 
 def _fibers_by_place(content: Content) -> dict[str, list[Info]]:
@@ -201,11 +226,14 @@ def _changed_devices(devices: Mapping[str, Device], words: Sequence[str]) -> dic
         place, _equals, text = word.partition("=")
         host, part, name = [*place.split("."), "", ""][:3]
         if not text or not host or place.count(".") != 2:
-            raise BadTopology(f"--device {word}: write HOST.PART.NAME=VALUE, of {', '.join(IDEAL)}")
+            raise BadTopology(
+                f"--device {word}: write HOST.PART.NAME=VALUE, * for every HOST, and PART of "
+                f"{', '.join(IDEAL)}"
+            )
         check_names(f"--device {word}: a device", [part], IDEAL, BadTopology)
         check_names(f"--device {word}: {part}", [name], IDEAL[part], BadTopology)
         device = given.get(host, Device())
-        value = _value("device", word, text, IDEAL[part][name], of_none=tuple)
+        value = _value(f"--device {word}", name, text, IDEAL[part][name], of_none=tuple)
         changed = replace(getattr(device, part), **{name: value})
         given[host] = replace(device, **{part: changed})
     for host, device in given.items():

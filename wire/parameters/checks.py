@@ -86,17 +86,6 @@ def check_number(
         raise refusal(f"{what} {value!r}: choose {range_words(least, most)}{text}")
 
 
-def number(
-    where: str, text: str, kind: type[int] | type[float], refusal: Refusal = ValueError
-) -> float:
-    """Return a number that somebody wrote, or refuse what is none."""
-    try:
-        return kind(text)
-    except ValueError as error:
-        text_ = "a whole number" if kind is int else f"a number{share(text)}"
-        raise refusal(f"{where}: {text!r} is not {text_}") from error
-
-
 def share(text: str) -> str:
     """Return what to write for a percentage, `2%`, as the end of an error; of other text, none."""
     try:

@@ -82,6 +82,7 @@ UNITS = (  # longer endings first
     ("_k_per_s", "K/s"),
     ("_ppm_per_k", "ppm/K"),
     ("_per_km_nm", "1/(km nm)"),
+    ("_per_s", "1/s"),
     ("_mw", "mW"),
     ("_mbps", "Mbit/s"),
     ("_nm", "nm"),

@@ -117,7 +117,7 @@ def test_a_device_is_the_host_s_own_but_for_what_is_said(tmp_path: Path) -> None
         (["--switch", "q1.insertion_loss_db=-1"], "q1: insertion_loss_db -1.0: choose 0 to 100"),
         (
             ["--switch", "q1.rotation=half"],
-            "--switch q1.rotation=half: 'half' is not a whole number",
+            "--switch q1.rotation=half: 'half': choose a whole number",
         ),
         (["--device", "h9.memory.capacity=1"], "--device h9: choose one of h1, h2, src"),
         (["--node", "h9=ion-trap"], "--device h9: choose one of h1, h2, src"),
@@ -135,3 +135,26 @@ def test_scripts_say_the_same_of_a_network_of_their_own() -> None:
         start(SdcTopo, fiber=["length_km=3"]).__enter__()
     with pytest.raises(BadTopology, match="there is no file nowhere"):
         start("nowhere.py:Net").__enter__()
+
+
+def test_a_pattern_sets_the_devices_of_all_hosts_that_it_names() -> None:
+    words = ["swap", "--topology", "repeaters,2", "--device", "*.memory.t2_s=100ms"]
+    network = describe_network(parse(*words, "--device", "r?.gates.readout_error=0.01"))
+    times = {host: device.memory.t2_s for host, device in network.parts.hosts.items()}
+    assert times == dict.fromkeys(("alice", "r1", "r2", "bob"), 0.1)
+    errors = {host: device.gates.readout_error for host, device in network.parts.hosts.items()}
+    assert errors == {"alice": 0, "r1": 0.01, "r2": 0.01, "bob": 0}
+
+
+@pytest.mark.parametrize(
+    ("word", "why"),
+    [
+        ("z*.memory.t2_s=1", r"no host is z\*, of alice, bob, charlie"),
+        ("*.memory.t9_s=1", "memory has no t9_s: did you mean"),
+        ("*.memory.t2_s=5km", "'5km': choose a number of s, as 5 or 5s"),
+        ("*=1", "write HOST.PART.NAME=VALUE"),
+    ],
+)
+def test_a_pattern_of_nothing_is_refused(word: str, why: str) -> None:
+    with pytest.raises(BadTopology, match=why):
+        describe_network(parse("teleport", "--device", word))

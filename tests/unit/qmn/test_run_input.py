@@ -94,12 +94,15 @@ def test_a_run_that_is_refused_for_a_bridge_of_the_machine_leaves_no_folder(
         ),
         (
             ["--fiber", "filter_nm=long"],
-            "--fiber filter_nm=long: 'long' is not a number",
+            "--fiber filter_nm=long: 'long': choose a number of nm",
         ),
         (["--fiber", "noise_parameters={"], "--fiber noise_parameters={: Expecting"),
         (["--fiber", "noise=no.py:Noise"], "there is no file /"),
         (["--fiber", f"noise={__file__}:run"], "has no class run with a method effect"),
-        (["--device", "bob.detectors"], "--device bob.detectors: write HOST.PART.NAME=VALUE, of s"),
+        (
+            ["--device", "bob.detectors"],
+            "--device bob.detectors: write HOST.PART.NAME=VALUE, * for every HOST, and PART of s",
+        ),
         (
             ["--device", "bob.detector.efficiency=1"],
             "a device has no detector: did you mean detectors?",
@@ -110,7 +113,7 @@ def test_a_run_that_is_refused_for_a_bridge_of_the_machine_leaves_no_folder(
         ),
         (["--device", "bob.detectors.eficiency=1"], "detectors has no eficiency: did you mean eff"),
         (["--device", "bob.detectors.efficiency=2"], "bob, detectors: efficiency 2.0: choose 0 to"),
-        (["--device", "bob.memory.capacity=many"], "capacity=many: 'many' is not a whole number"),
+        (["--device", "bob.memory.capacity=many"], "capacity=many: 'many': choose a whole number"),
         (["--device", "charlie.source.bell_diagonal=1"], "bell_diagonal=1: 'int' object"),
         (
             ["--device", "bob.memory.t2_s=1", "--device", "bob.memory.t1_s=.1"],
