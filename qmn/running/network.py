@@ -2,7 +2,6 @@
 
 import json
 import os
-import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -30,7 +29,7 @@ STARTING = "the network is still starting; try again when it has started"
 @dataclass(frozen=True)
 class RunningNetwork:
     folder: str  # of its files
-    since_ns: int  # on the clock of the captures
+    since_ns: int  # as events and records are stamped
     time_scale: float
     stacks: dict[str, str]  # socket of each host's
     network: dict[str, Any]  # as results keep it
@@ -45,7 +44,7 @@ def announce_network(runtime: Runtime, facts: NetworkResult) -> None:
     stacks = {host: runtime.socket(host) for host in runtime.addresses}
     announced = RunningNetwork(
         str(runtime.logs),
-        time.time_ns(),
+        runtime.time.stamp_ns(),
         runtime.time_scale,
         stacks,
         facts.network.to_dict(),

@@ -57,7 +57,7 @@ def test_every_button_does_what_its_command_does(tmp_path: Path) -> None:
         # Bob's measurement: no symbol of 20 was wrong.
         errors = page.locator("#sessions tbody tr").last.locator("td").last
         expect(errors).to_have_text(re.compile(r"^0\.00 \(0\.00 to \d+\.\d\d\)$"))
-        page.get_by_role("button", name="draw").click()
+        page.get_by_role("button", name="draw again").click()
         expect(page.locator("#handshake svg")).to_contain_text("Setup SDC")
         expect(page.locator("#decisions")).to_contain_text("you qmn send alice bob hello")
         assert wrong == []

@@ -6,8 +6,7 @@ The command is run as from another terminal, without a shell, and is noted in th
 import asyncio
 import json
 import sys
-import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +67,9 @@ def _is_number(text: str) -> bool:
     return True
 
 
-async def perform(words: list[str], folder: Path) -> tuple[int, dict[str, Any]]:
+async def perform(
+    words: list[str], folder: Path, now_ns: Callable[[], int]
+) -> tuple[int, dict[str, Any]]:
     """Run the command; return its time and its output; note both in the folder."""
     process = await asyncio.create_subprocess_exec(
         *QMN,
@@ -84,7 +85,7 @@ async def perform(words: list[str], folder: Path) -> tuple[int, dict[str, Any]]:
         process.kill()
         await process.wait()
         text, status = f"no end within {LIVE_ACT_S:g} s", 1
-    time_ns = time.time_ns()
+    time_ns = now_ns()
     done = {"command": words, "status": status, "output": text}
     with (folder / ACTS).open("a") as file:
         file.write(json.dumps({"time_ns": time_ns, **done}) + "\n")

@@ -51,6 +51,7 @@ class View:
     pace: Pace = field(default_factory=Pace)
     over: str = "a run that is over"  # of one that does not go on
     opening_s: float = -math.inf  # when a page was asked for that has not asked for messages yet
+    now_ns: Callable[[], int] = time.time_ns  # as events are stamped
     streams: set["asyncio.Task[Any]"] = field(default_factory=set)  # of messages, being sent
 
 
@@ -238,6 +239,6 @@ class Act(Answer):
             self.set_status(400)
             self.write({"output": str(error), "status": 2})
             return
-        time_ns, done = await perform(words, view.folder)
+        time_ns, done = await perform(words, view.folder, view.now_ns)
         view.timeline.add(ACT, time_ns, done)
         self.write(done)

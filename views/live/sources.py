@@ -1,8 +1,7 @@
 """Where a live view's messages come from: a network that runs, or the folder of a run."""
 
 import threading
-import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -23,6 +22,7 @@ from wire.dispatcher_pb2 import WatchRequest
 from wire.events import to_fields
 from wire.results.time_series import fields_of
 
+Clock = Callable[[], int]  # nanoseconds, as events are stamped
 EVENT, CONTROLLER, ACT, DEVICES, JOB, FAULT = (
     "event",
     "controller",
@@ -38,8 +38,8 @@ def _shown(fields: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in fields.items() if name not in ("time", "time_ns")}
 
 
-def timeline_of_run(folder: Path) -> Timeline:
-    """Return all that a run has left, in the order of time; its origin is what came first."""
+def timeline_of_run(folder: Path, scale: float = 1.0) -> Timeline:
+    """Return all that a run has left, in the order of time; its origin is its first session."""
     capture = folder / EVENT_CAPTURE
     events = recorded(capture, follow=False) if capture.exists() else ()
     found: list[tuple[int, str, dict[str, Any]]] = [
@@ -47,15 +47,27 @@ def timeline_of_run(folder: Path) -> Timeline:
     ]
     for what, facts in ((CONTROLLER, read_record(folder)), (ACT, read_acts(folder))):
         found += [(fact["time_ns"], what, _shown(fact)) for fact in facts]
-    reports = [fields_of(line) for line in read_lines(folder / SENDER_LOG)]
-    last_ns = max((each[0] for each in found), default=0)
-    found += [(last_ns, JOB, fields) for fields in reports[-1:]]
     found.sort(key=lambda each: each[0])
-    timeline = Timeline(found[0][0] if found else 0)
+    # Facts of the start of the network, which come before, are at the beginning.
+    begin_ns = next((each[0] for each in found if each[1] == EVENT or "session" in each[2]), None)
+    found += _reported(folder, begin_ns or 0, found[-1][0] if found else 0, scale)
+    found.sort(key=lambda each: each[0])
+    timeline = Timeline(begin_ns or (found[0][0] if found else 0))
     for time_ns, what, fields in found:
         timeline.add(what, time_ns, fields)
     timeline.end()
     return timeline
+
+
+def _reported(
+    folder: Path, begin_ns: int, last_ns: int, scale: float
+) -> Iterator[tuple[int, str, dict[str, Any]]]:
+    """Yield lines of the job's program by their time in its session; those without one: last."""
+    for fields in filter(None, map(fields_of, read_lines(folder / SENDER_LOG))):
+        elapsed_s = fields.get("elapsed_s")
+        timed = isinstance(elapsed_s, int | float) and fields.get("event") == "result"
+        at_ns = begin_ns + round(elapsed_s * scale * 1e9) if timed and elapsed_s else last_ns
+        yield min(at_ns, last_ns), JOB, fields
 
 
 def read_acts(folder: Path) -> list[dict[str, Any]]:
@@ -71,12 +83,12 @@ def read_lines(file: Path) -> list[bytes]:
 @contextmanager
 def following(timeline: Timeline, config: DispatcherConfig, folder: Path) -> Iterator[None]:
     """Append what happens in the network that runs, until it ends or nobody looks any more."""
-    over = threading.Event()
+    over, now_ns = threading.Event(), config.time.stamp_ns
     followers = (
         lambda: _follow_events(timeline, config),
-        lambda: _follow_lines(timeline, CONTROLLER, folder / RECORD, over),
-        lambda: _follow_lines(timeline, JOB, folder / SENDER_LOG, over),
-        lambda: _follow_devices(timeline, over),
+        lambda: _follow_lines(timeline, CONTROLLER, folder / RECORD, now_ns, over),
+        lambda: _follow_lines(timeline, JOB, folder / SENDER_LOG, now_ns, over),
+        lambda: _follow_devices(timeline, now_ns, over),
     )
     # Daemons: a thread that reads from the dispatcher has no way to be ended.
     threads = [threading.Thread(target=follower, daemon=True) for follower in followers]
@@ -93,11 +105,13 @@ def _follow_events(timeline: Timeline, config: DispatcherConfig) -> None:
         for events in gathered(config, WatchRequest(history=True, pause_ms=LIVE_PAUSE_MS)):
             timeline.add_events(EVENT, events)
     except NetworkError as error:
-        timeline.add(FAULT, time.time_ns(), {"text": str(error)})
+        timeline.add(FAULT, config.time.stamp_ns(), {"text": str(error)})
     timeline.end()
 
 
-def _follow_lines(timeline: Timeline, what: str, file: Path, over: threading.Event) -> None:
+def _follow_lines(
+    timeline: Timeline, what: str, file: Path, now_ns: Clock, over: threading.Event
+) -> None:
     """Append the objects of a file, one a line, as they are written; it may not be there yet."""
     place, begun = 0, b""
     while not over.is_set() and not timeline.ended:
@@ -109,11 +123,11 @@ def _follow_lines(timeline: Timeline, what: str, file: Path, over: threading.Eve
             *lines, begun = (begun + new).split(b"\n")
             for fields in map(fields_of, lines):
                 if fields:
-                    timeline.add(what, fields.get("time_ns", time.time_ns()), _shown(fields))
+                    timeline.add(what, fields.get("time_ns", now_ns()), _shown(fields))
         over.wait(LIVE_LINES_S)
 
 
-def _follow_devices(timeline: Timeline, over: threading.Event) -> None:
+def _follow_devices(timeline: Timeline, now_ns: Clock, over: threading.Event) -> None:
     """Add the controller's devices and sessions to the timeline when they change."""
     last: dict[str, Any] = {}
     while not over.is_set() and not timeline.ended:
@@ -128,7 +142,7 @@ def _follow_devices(timeline: Timeline, over: threading.Event) -> None:
         state = {name: [_still(each) for each in values] for name, values in now.items()}
         if state and state != last:
             last = state
-            timeline.add(DEVICES, time.time_ns(), now)
+            timeline.add(DEVICES, now_ns(), now)
         over.wait(LIVE_DEVICES_S)
 
 

@@ -64,7 +64,8 @@ class Timeline:
         return ENCODED({"t": self._seconds(time_ns), "what": what, **fields})
 
     def _seconds(self, time_ns: int) -> float:
-        return round((time_ns - self.origin_ns) / 1e9, 9)
+        """Return the time since the origin; 0 for what came before it."""
+        return round(max(time_ns - self.origin_ns, 0) / 1e9, 9)
 
     def end(self) -> None:
         with self._lock:

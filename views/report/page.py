@@ -19,29 +19,11 @@ from views.report.first_photons import first_photons
 from views.report.light_paths import fiber_name, light_paths, photons_by_port
 from views.report.markup import table
 from views.report.run_facts import RunFacts, read_run
+from views.titles import TITLES
 from wire.device import OF_LIGHT, setting_name
 from wire.results.figures import Figures, KeyFigures, SentFigures
 from wire.results.run_result import KeysJob, LoadJob
 
-TITLES = {
-    "sdc": "Superdense coding",
-    "teleport": "Teleportation",
-    "distribute": "Entanglement distribution",
-    "swap": "Entanglement swapping",
-    "ghz": "GHZ states",
-    "graph": "Graph states",
-    "conference": "Conference keys",
-    "sense": "Distributed sensing",
-    "bb84": "BB84",
-    "bbm92": "BBM92",
-    "e91": "E91",
-    "mdi": "MDI-QKD",
-    "seal": "Tamper seal",
-    "load": "Heavy traffic",
-    "keys": "Key managers",
-    "vpn": "VPN",
-    "netqasm": "NetQASM",
-}
 # Figures that the page begins with; the table below them has all.
 MAIN = frozenset(
     {

@@ -25,6 +25,7 @@ from views.live.server import View, serve
 from views.live.sources import following, timeline_of_run
 from views.live.timeline import Timeline
 from views.report.run_facts import BadRun, read_result
+from views.titles import title_of
 from wire import typed_json
 from wire.malformed import MalformedPacket
 from wire.parameters.option import option
@@ -71,7 +72,8 @@ def shown(run: Path | None, read_only: bool) -> Iterator[View]:
     """Yield what is shown of a run, or of the network that runs."""
     if run is not None:
         result, network = read_result(run)
-        view = _view(run.resolve(), network, timeline_of_run(run), live=False, acts=False)
+        timeline = timeline_of_run(run, result.time_scale or 1.0)
+        view = _view(run.resolve(), network, timeline, live=False, acts=False)
         if result.error == KILLED:
             view.over = f"{view.over}: {KILLED}"
             print(f"qmn: {KILLED}: the page shows what was there by then", file=sys.stderr)
@@ -83,12 +85,14 @@ def shown(run: Path | None, read_only: bool) -> Iterator[View]:
     network = typed_json.read(NetworkFacts, running.network)
     timeline = Timeline(running.since_ns)
     with following(timeline, config, folder):
-        yield _view(folder, network, timeline, live=True, acts=not read_only)
+        view = _view(folder, network, timeline, live=True, acts=not read_only)
+        view.now_ns = config.time.stamp_ns
+        yield view
 
 
 def _view(folder: Path, network: NetworkFacts, timeline: Timeline, live: bool, acts: bool) -> View:
     return View(
-        folder.name,
+        title_of(folder.name),
         described(network),
         timeline,
         folder,

@@ -46,6 +46,11 @@ class KeyProgress(Figures):
     sifted_bits: int
     key_bits: int
     keys: int  # in the store
+    qber: float | None = None  # of all keys so far
+    qber_low: float | None = None  # of the 95 % confidence interval
+    qber_high: float | None = None
+    max_qber: float | None = None  # above it there is no key
+    newest_qber: list[float] | None = None  # of the newest key, with its 95 % interval
     elapsed_s: float
     handed_out: int = 0  # keys, by --hand-out
 
@@ -53,9 +58,6 @@ class KeyProgress(Figures):
 class KeyFigures(KeyProgress):
     """Of key distribution, at both ends; counts, rates and error rates, never a key."""
 
-    qber: float | None
-    qber_low: float | None  # of the 95 % confidence interval
-    qber_high: float | None
     disclosed_bits: int
     ones_fraction: float | None
     leaked_bits: int

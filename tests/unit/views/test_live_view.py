@@ -55,15 +55,16 @@ def test_a_run_is_told_in_the_order_of_time(tmp_path: Path) -> None:
     texts, position, missed = timeline.after(0, 1000)
     messages = [json.loads(text) for text in texts]
     assert timeline.ended
-    assert (timeline.origin_ns, position, missed) == (START_NS + MS, len(messages), 0)
+    assert (timeline.origin_ns, position, missed) == (START_NS + 2 * MS, len(messages), 0)
     times = [message["t"] for message in messages]
     assert times == sorted(times)
     kinds = [message.get("kind", message["what"]) for message in messages]
     assert kinds == [
         *("controller", "controller", "open", "open", "create", "send", "arrive"),
-        *("bell-measure", "close", "job"),
+        *("bell-measure", "close", "job", "job"),
     ]
-    assert messages[6]["t"] == pytest.approx(3e-3)  # bob's light, 4 ms, since 1 ms
+    assert messages[6]["t"] == pytest.approx(2e-3)  # bob's light, 4 ms, since the set-up at 2 ms
+    assert messages[0]["t"] == 0  # found before that
     assert messages[-1]["bell_pairs"] == 100
 
 

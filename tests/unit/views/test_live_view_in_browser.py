@@ -42,11 +42,10 @@ def test_a_finished_run_is_shown_at_any_time(
         expect(page.locator("#outcomes")).to_contain_text("Φ+")
         expect(page.locator("#job")).to_contain_text("bell pairs")
         expect(page.locator(".fiber.lit")).to_have_count(0)  # at its end the path is closed
-        page.get_by_label("time in s").fill("0.0035")
+        page.get_by_label("time in s").fill("0.0025")
         expect(page.locator(".fiber.lit")).to_have_count(3)
         expect(page.locator("#outcomes")).to_have_text("No Bell measurement yet.")
-        page.get_by_label("time in s").fill("0.0")
-        expect(page.locator(".fiber.lit")).to_have_count(0)
+        page.get_by_label("time in s").fill("0.0")  # with the set-up, its first act
         page.get_by_role("button", name="play").click()
         expect(page.locator("#outcomes")).to_contain_text("Φ+")
         expect(page.get_by_role("button", name="play")).to_be_visible()
@@ -144,6 +143,51 @@ def test_what_is_known_of_a_sessions_pairs_is_in_its_row(
         page.close()
 
 
+def test_a_key_session_shows_its_error_rate_its_limit_and_eve(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    """Who measures and resends all light knows half of the bits and spoils a quarter (BB84)."""
+    view = live(tmp_path)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        shown = page.locator("#qkd")
+        expect(page.locator("#status")).to_have_text("live")
+        expect(shown).to_be_hidden()
+        figures: dict[str, Any] = {
+            "photons": 400,
+            "raw_bits": 400,
+            "sifted_bits": 200,
+            "key_bits": 0,
+            "keys": 0,
+        }
+        figures |= {"qber": None, "qber_low": None, "qber_high": None, "max_qber": 0.1}
+        view.timeline.add("job", START_NS + 10**9, {"event": "result", **figures})
+        expect(shown).to_contain_text("the error rate is known when test bits are compared")
+        for number, share in enumerate((0.02, 0.04)):
+            keys = {"key_bits": 100 * number, "newest_qber": [share, 0.01, 0.06]}
+            keys |= {"qber": 0.03, "qber_low": 0.021, "qber_high": 0.043}
+            view.timeline.add("job", START_NS + (2 + number) * 10**9, {**figures, **keys})
+        expect(shown).to_contain_text("100 bits of secret key so far, QBER 3.0 % (2.1 to 4.3 %)")
+        expect(shown.locator(".curves canvas")).to_have_count(2)
+        detail = "Z=51 X=49: 0=48 1=52"
+        taken = {"session": SESSION, "block": 0, "half": 0, "photons": 100, "detail": detail}
+        tell(view, 4.0, "resend", "charlie", **taken)
+        expect(shown.locator(".eve")).to_have_text(
+            "charlie has measured 100 of 100 photons (100.0 %) and sent on the outcomes. "
+            "She so knows 50.0 % of the sifted bits, and makes 25.0 % of them wrong."
+        )
+        expect(page.locator(".node.eve")).to_have_count(1)
+        noisy = {"qber": 0.26923, "qber_low": 0.2135, "qber_high": 0.3333}
+        view.timeline.add("job", START_NS + 5 * 10**9, {**figures, **noisy})
+        failed = {"event": "failed", "reason": "TOO_NOISY", "text": "no key: 56 of 208 bits"}
+        view.timeline.add("job", START_NS + 5 * 10**9, failed)
+        verdict = "No key: an eavesdropper or noise, QBER 26.9 % (21 to 33 %)"
+        expect(shown.locator(".verdict")).to_have_text(verdict)
+        page.get_by_label("time in s").fill("3.5")
+        expect(shown.locator(".verdict")).to_contain_text("so far")
+        page.close()
+
+
 def test_what_others_do_to_fibres_and_switches_is_shown(
     chromium: Browser, tmp_path: Path, said: list[str]
 ) -> None:
@@ -214,7 +258,7 @@ def test_where_all_processors_are_in_use_it_says_that_it_draws_seldom(
     with served(view) as url:
         page = opened(chromium, url, said)
         status = page.locator("#status")
-        expect(status).to_have_text("live; one picture a second, as all processors here are in use")
+        expect(status).to_have_text("live; drawn once a second, as the computer is busy")
         light(view, 1.0)
         expect(page.locator(".fiber.lit")).to_have_count(3)  # what happens is shown all the same
         page.get_by_label("time in s").fill("0.5")  # what one does oneself is shown at once
@@ -341,7 +385,7 @@ def test_decisions_say_whose_and_why(chromium: Browser, tmp_path: Path, said: li
                 "7.000 s c0 orders parallel swaps: session bdb225; alice → charlie → bob",
                 "6.000 s c0 has light now: session 444444, which waited for session bdb225 to give"
                 " it back",
-                "5.000 s c0 over: session bdb225; its connection was closed",
+                "5.000 s c0 ended: session bdb225; its connection was closed",
                 "4.000 s c0 alice shall use rate 2 MHz, fec golay",
                 "3.000 s c0 light path of session bdb225 stands after 3.9 ms",
                 "2.000 s c0 forbidden by the policy: session 333333; alice → bob, bb84; rule 2",

@@ -4,7 +4,7 @@ import uPlot from "./uplot/uPlot.esm.js";
 import { BUCKET_S, unknownSince, WINDOW_S } from "./light.js";
 
 const MOST_POINTS = 400, MANY = 20, HEIGHT = 170;
-const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 export class Charts {
   constructor(rates, losses) {
@@ -37,6 +37,8 @@ export class Charts {
       lost.push(sum.arrived + sum.lost ? (100 * sum.lost) / (sum.arrived + sum.lost) : null);
     }
     for (const [plot, data] of [[this.rates, [x, pairs, arrived]], [this.losses, [x, lost]]]) {
+      // A single point, or nothing but 0, is no curve: the tables have it.
+      plot.root.closest("section").hidden = !data.slice(1).some((each) => each.filter((value) => value != null).length > 1 && each.some(Boolean));
       plot.setData(data);
       if (plot.cursor.idx == null && x.length) plot.setLegend({ idx: newest(data) }); // else what is pointed at
     }
@@ -49,17 +51,20 @@ function newest([x, ...series]) {
   return 0;
 }
 
-function chart(at, series, range, gaps) {
+// Series are a label, a colour, and how thick the line is.
+export function chart(at, series, range, gaps, { bands = [], values = undefined, live = true } = {}) {
   const axis = { stroke: () => colour("--muted"), grid: { stroke: () => colour("--grid"), width: 1 } };
   const shown = (_plot, value) => (value == null ? "-" : value.toLocaleString("en", { maximumSignificantDigits: 4 }));
   const number = (_plot, values) => values.map((value) => value.toLocaleString("en", { notation: "compact" }));
+  const seconds = (_plot, values) => values.map((value) => value && value < 0.1 ? `${Number((1000 * value).toPrecision(4))} ms` : `${Number(value.toPrecision(6))} s`);
   const options = {
-    width: Math.max(at.clientWidth, 200), height: HEIGHT,
+    width: Math.max(at.clientWidth, 200), height: HEIGHT, legend: { live },
     scales: { x: { time: false }, y: { range } },
-    axes: [{ ...axis, values: (_plot, values) => values.map((value) => `${value} s`) }, { ...axis, size: 56, values: number }],
+    bands,
+    axes: [{ ...axis, values: seconds }, { ...axis, size: 56, values: values ?? number }],
     series: [
       { label: "time", value: (_plot, value) => (value == null ? "-" : `${value.toFixed(1)} s`) },
-      ...series.map(([label, name]) => ({ label, stroke: () => colour(name), width: 1.5, spanGaps: gaps, value: shown })),
+      ...series.map(([label, name, width = 1.5]) => ({ label, stroke: () => colour(name), width, spanGaps: gaps, value: shown })),
     ],
   };
   const plot = new uPlot(options, [[], ...series.map(() => [])], at);

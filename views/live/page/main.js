@@ -7,17 +7,19 @@ import { Drawing } from "./network.js";
 import { Networks } from "./networks.js";
 import * as panels from "./panels.js";
 import { Pictures } from "./pictures.js";
+import { Qkd } from "./qkd.js";
 import { Timeline } from "./timeline.js";
-import { reasons } from "./words.js";
+import { moment, reasons } from "./words.js";
 
 const at = (id) => document.getElementById(id);
 const network = await (await fetch("network.json")).json();
 Object.assign(reasons, network.reasons);
 const timeline = new Timeline(network.names);
-const charts = new Charts(at("rates"), at("losses"));
+const charts = new Charts(at("rates"), at("losses")), qkd = new Qkd(at("qkd"));
 const view = { follow: true, playing: network.live, t: 0, chosen: null, ended: false, connected: false };
 const networks = new Networks(network.number, at("networks"), view, () => status());
 const drawing = new Drawing(at("network"), network, choose);
+const SHORTEST_S = 3; // to play it all
 const SETTLED_S = 1.5; // behind the last message: rates, which are of a second, are 0
 const pictures = new Pictures(draw), ladder = new Ladder(at("handshake"), at("draw"));
 let drawn = { count: -1, t: -1 }, state = timeline.state;
@@ -55,8 +57,14 @@ function listen() {
   });
   source.addEventListener("pause", (event) => { pictures.pause = Number(event.data); status(); });
   source.addEventListener("missed", (event) => { timeline.missed += Number(event.data); });
-  source.addEventListener("ended", () => { view.ended = true; source.close(); status(); });
+  source.addEventListener("ended", () => { view.ended = true; source.close(); pace(); status(); });
   source.addEventListener("error", () => { view.connected = false; status(); });
+}
+
+// A run that is over plays in some seconds, however short it was.
+function pace() {
+  const speeds = [...at("speed").options].map((each) => Number(each.value)).reverse();
+  at("speed").value = String(speeds.find((each) => timeline.end / each >= SHORTEST_S) ?? speeds.at(-1));
 }
 
 function status() {
@@ -65,7 +73,7 @@ function status() {
     : "no connection: has the network ended?";
   const missed = timeline.missed + timeline.state.missed;
   const seldom = pictures.seldom && view.connected && !view.ended
-    ? "; one picture a second, as all processors here are in use" : "";
+    ? "; drawn once a second, as the computer is busy" : "";
   const text = `${words}${seldom}${missed ? `; ${panels.count(missed)} earlier messages are not shown` : ""}`;
   if (at("status").textContent !== text) at("status").textContent = text;
   const label = view.playing ? "pause" : "play";
@@ -81,7 +89,7 @@ function draw(passed, numbers) {
   const now = performance.now(), count = timeline.messages.length + timeline.missed;
   if (view.t !== drawn.t || (view.follow && count !== drawn.count)) {
     state = view.follow ? timeline.state : timeline.at(view.t);
-    at("clock").value = `${view.t.toFixed(3)} s`;
+    at("clock").value = moment(view.t);
     drawn = { t: view.t, count, at: now, stale: true };
   }
   // Between messages time goes on: photons that were seen pass, and none come any more.
@@ -97,7 +105,7 @@ function draw(passed, numbers) {
 function stretch() {
   const slider = at("slider");
   slider.min = timeline.begin;
-  slider.max = Math.max(timeline.end, timeline.begin + 1e-3);
+  slider.max = Math.max(timeline.end, timeline.begin + 1e-6);
   slider.value = view.t;
 }
 
@@ -110,6 +118,7 @@ function tables() {
   panels.job(at("job"), state);
   panels.decisions(at("decisions"), state);
   charts.show(state);
+  qkd.show(state, drawing.tapped(state));
   if (view.chosen) acts.refresh(at("chosen"), view.chosen, state);
   else panels.paths(at("paths"), drawing.paths(state));
   ladder.changed(state, pictures.seldom);

@@ -14,7 +14,7 @@ const BESIDE = 12; // between fibres of the same two nodes
 const FLOWS_S = 0.5; // after photons were seen somewhere they are shown as moving
 const DASHES = 16, SPEED = 64; // px between photons that are shown as moving, and px/s
 const STILL = matchMedia("(prefers-reduced-motion: reduce)");
-const SPOKEN = [["lit", "has light"], ["cut", "cut"], ["tapped", "somebody measures"], ["faulty", "faulty"], ["silent", "silent"]];
+const SPOKEN = [["lit", "has light"], ["cut", "cut"], ["tapped", "somebody measures"], ["faulty", "faulty"], ["silent", "silent"], ["eve", "eavesdrops"]];
 const COLOURS = ["--quantum", "--path-1", "--path-2", "--path-3"];
 
 function make(kind, attributes = {}, ...inside) {
@@ -80,10 +80,13 @@ export class Drawing {
     // Of columns that lie fibres meet at a switch: what is said of them is not side by side.
     const along = this.turned ? [0.35, 0.65][this.elements.size % 2] : 0.5;
     const [x, y] = ["x", "y"].map((name) => ends[0][name] + along * (ends[1][name] - ends[0][name]));
+    // A label lies along its fibre, so that no line crosses it.
+    const slope = (Math.atan2(ends[1].y - ends[0].y, ends[1].x - ends[0].x) * 180) / Math.PI;
+    const turn = slope > 90 ? slope - 180 : slope <= -90 ? slope + 180 : slope;
     const group = make("g", { class: "fiber", tabindex: 0, role: "button", "aria-label": text },
       make("title", {}, text), line("near", ...ends), line("seen", ...ends), photons,
-      make("text", { class: "small flow", y: beside, transform: `translate(${x} ${y})` }));
-    group.label = { x, y };
+      make("text", { class: "small flow", y: beside, transform: `translate(${x} ${y}) rotate(${turn})` }));
+    group.label = { x, y, turn };
     chooses(group, () => choose({ kind: "fiber", name: fiber.name, fiber }));
     group.dataset.keys = keys.join(" ");
     group.photons = photons;
@@ -129,7 +132,7 @@ export class Drawing {
       }
       if (numbers || !light) write(element.lastChild, light?.label ?? "");
       if (keys.some((key) => state.cut.has(key))) classes.push("cut");
-      if (keys.some((key) => state.tapped.get(key))) classes.push("tapped");
+      if (keys.some((key) => state.tapped.get(key)) || fiber.ends.some(([node]) => state.eve[node])) classes.push("tapped");
       if (numbers) speak(element, SPOKEN.filter(([kind]) => classes.includes(kind)));
       if (chosen?.name === fiber.name) classes.push("chosen");
       dress(element, classes);
@@ -138,6 +141,7 @@ export class Drawing {
       const classes = ["node", node.kind.split(" ")[0]], element = this.elements.get(node.name);
       if (state.faulty.has(node.name)) classes.push("faulty");
       if (state.devices[node.name]?.state === "silent") classes.push("silent");
+      if (state.eve[node.name]) classes.push("eve");
       if (numbers) speak(element, SPOKEN.filter(([kind]) => classes.includes(kind)));
       if (chosen?.name === node.name) classes.push("chosen");
       if (element.named) classes.push("named");
@@ -173,6 +177,12 @@ export class Drawing {
       if (numbers) found.get(hops.at(-1).fiber.name).label = told({ photons, lost });
     });
     return found;
+  }
+
+  // Fibres in which somebody measures a fraction of the photons.
+  tapped(state) {
+    const fractionOf = (fiber) => Math.max(0, ...fiber.ends.map((each) => state.tapped.get(end(...each)) ?? 0));
+    return this.network.fibers.map((fiber) => ({ name: fiber.name, fraction: fractionOf(fiber) })).filter(({ fraction }) => fraction);
   }
 
   follow(begin, state) {
@@ -240,7 +250,7 @@ export class Drawing {
     }
     for (const fiber of this.network.fibers) {
       const { label, lastChild } = this.elements.get(fiber.name);
-      lastChild.setAttribute("transform", `translate(${label.x} ${label.y}) scale(${1 / scale})`);
+      lastChild.setAttribute("transform", `translate(${label.x} ${label.y}) rotate(${label.turn}) scale(${1 / scale})`);
     }
   }
 

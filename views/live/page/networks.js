@@ -8,7 +8,6 @@ export class Networks {
     Object.assign(this, { number, list, view, status, names: {}, running: [], over: false });
     if (!number) return;
     list.addEventListener("change", () => location.assign(`../${list.value}/`));
-    list.closest("label").hidden = false;
     this.look();
   }
 
@@ -37,6 +36,7 @@ export class Networks {
     const words = shown.map((each) => `${each}: ${this.names[each] ?? ""}`);
     if (this.words === words.join()) return;
     this.words = words.join();
+    this.list.closest("label").hidden = shown.length < 2;
     this.list.replaceChildren(...shown.map((each, place) => new Option(words[place], each, false, each === this.number)));
   }
 

@@ -2,7 +2,7 @@
 
 const SHOWN_SESSIONS = 30, SHOWN_MEMORIES = 40, SHOWN_DECISIONS = 200, SHOWN_PATHS = 40;
 
-import { digits, plain, quantity } from "./words.js";
+import { digits, moment, plain, quantity } from "./words.js";
 
 export const count = (number) => (number ?? 0).toLocaleString("en");
 
@@ -29,12 +29,16 @@ function table(at, heads, rows, empty) {
   while (body.rows.length > rows.length) body.deleteRow(-1);
   rows.forEach((row, number) => {
     const line = body.rows[number] ?? body.insertRow();
-    row.forEach((cell, place) => show(line.cells[place] ?? line.insertCell(), cell));
+    row.forEach((cell, place) => {
+      show(line.cells[place] ?? line.insertCell(), cell);
+      if (line.cells[place].dataset.head !== heads[place]) line.cells[place].dataset.head = heads[place]; // on a phone
+    });
   });
 }
 
 function show(there, cell) {
   if (cell instanceof Node) {
+    if (there.dataset.head) cell.dataset.head = there.dataset.head;
     if (!there.isEqualNode(cell)) there.replaceWith(cell);
     return;
   }
@@ -146,7 +150,7 @@ export function decisions(at, state) {
   const newest = state.decisions.slice(-SHOWN_DECISIONS).reverse();
   at.replaceChildren(...newest.map(({ t, who, text }) => {
     const item = document.createElement("li");
-    item.append(element("time", `${t.toFixed(3)} s `), element("b", `${who} `), text);
+    item.append(element("time", `${moment(t)} `), element("b", `${who} `), text);
     return item;
   }));
 }

@@ -1,6 +1,7 @@
 // The state of a network as messages tell it, one after the other. `apply` is all that changes it.
 
 import { arrive, block, BUCKET_S, bucket, close, forgetLight, send } from "./light.js";
+import { intercepted, note } from "./qkd.js";
 import { decision, outcome } from "./words.js";
 
 const GATHERED = /(\d+) of \d+ of (\d+\/\d+)/g;
@@ -30,6 +31,8 @@ export function blank() {
     devices: {}, // of hosts and switches, as the controller knows them
     keyLinks: [], // with the keys that are ready at either end
     job: {},
+    qkd: { points: [], last: null, failed: null }, // reports of key distribution
+    eve: {}, // host -> {photons, measured, held}: what it has intercepted
     missed: 0,
   };
 }
@@ -85,6 +88,10 @@ function event(state, m) {
     case "recall":
     case "discard":
       memory(state, m.node).delete(block(m));
+      break;
+    case "resend":
+    case "split":
+      intercepted(state, m);
       break;
     case "tune":
       tune(state, m);
@@ -204,7 +211,8 @@ function devices(state, m) {
 
 function job(state, m) {
   const { t, what, ...rest } = m;
-  state.job = rest;
+  state.job = rest.event === "failed" ? { ...state.job, ...rest } : rest;
+  note(state, m);
 }
 
 function fault(state, m) {

@@ -28,8 +28,14 @@ export function digits(number, significant = 6) {
   return number.toLocaleString("en", { maximumSignificantDigits: significant });
 }
 
+// A time since the beginning: short runs have milliseconds.
+export function moment(t) {
+  return t && t < 0.1 ? `${(1000 * t).toFixed(3)} ms` : `${t.toFixed(3)} s`;
+}
+
 // The state of a session, as a fact about it tells.
 export function outcome(m) {
+  if (m.event === "torn_down") return "ended";
   return m.event === "refused" || m.event === "forbidden" ? `${m.event}: ${m.detail}` : plain(m.event);
 }
 
@@ -66,7 +72,7 @@ const TOLD = {
   light_after: (m) => `has light now: ${about(m)}, which waited for session ${m.after.session.slice(-6)} to give it back`,
   queued: (m) => `waits for light: ${[about(m), who(m)].filter(Boolean).join("; ")}`,
   chain: (m, names) => `orders ${m.schedule} swaps: ${about(m)}; ${m.nodes.map((node) => names[node] ?? node).join(" → ")}`,
-  torn_down: (m) => `over: ${about(m)}; ${{ FIN: "its connection was closed", RST: "its connection was broken off" }[m.detail] ?? m.detail}`,
+  torn_down: (m) => `ended: ${about(m)}; ${{ FIN: "its connection was closed", RST: "its connection was broken off" }[m.detail] ?? m.detail}`,
   override: ({ name, t, what, event, ...settings }) =>
     `${name} shall use ${Object.entries(settings).map(([key, value]) => quantity(key, value ?? "default").join(" ")).join(", ")}`,
   policy: (m) => `the policy is in force${m.path ? `: ${m.path}` : ""}`,

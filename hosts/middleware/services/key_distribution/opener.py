@@ -102,6 +102,11 @@ class OpenerOfKeys:
         self._progress.made.add(alice)
         self.keys.forget(number)
         yield self._side.say(Topic.KEPT, number, [], 1)
+        yield from self._report()
+
+    def _report(self) -> Steps[None]:
+        report = so_far(self._progress, self.keys.ends, (yield Now()))
+        yield Tell(report, at_the_end=False)
 
     def _gather(self, key: int, alice: Alice, count: int) -> Steps[None]:
         """Send blocks until so much is sifted; a block is sifted while the next one flies."""
@@ -114,8 +119,7 @@ class OpenerOfKeys:
             yield WaitUntil(partial(sifted, alice, earlier))
             self._look_for_light(alice.sifted_bits > before)
             before = alice.sifted_bits
-            report = so_far(self._progress, self.keys.ends, (yield Now()))
-            yield Tell(report, at_the_end=False)
+            yield from self._report()
             if not following:
                 yield WaitUntil(partial(sifted, alice, len(sizes)))
                 following = yield from self._announce(alice, count, sizes)

@@ -88,7 +88,8 @@ async def make_key(
     relayed: bool = False,
 ) -> None:
     """Make keys of this light, by these parameters, or whose pulses are decoys."""
-    host, peer, progress = end.resources.keyring.host, end.arrangement.peer, Progress(now_s())
+    host, peer = end.resources.keyring.host, end.arrangement.peer
+    progress = Progress(now_s(), max_qber=parameters.max_qber)
 
     def new_key(number: int) -> Alice:
         outgoing, incoming = pools(end, host, peer, number)
@@ -121,7 +122,7 @@ async def accept_keys(
     relayed: bool = False,
 ) -> None:
     """Make keys of this light, of which pulses that this end sends to a relay may be decoys."""
-    progress = Progress(now_s())
+    progress = Progress(now_s(), max_qber=opener.parameters.max_qber)
 
     def new_key(number: int) -> Bob:
         incoming, outgoing = pools(end, opener.peer, end.resources.keyring.host, number)

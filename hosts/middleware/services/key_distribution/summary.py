@@ -70,6 +70,8 @@ class Progress:
     keys: int = 0  # of KEY_BITS, in the store
     first_id: UUID | None = None
     last_id: UUID | None = None
+    max_qber: float = 0.0  # above it there is no key
+    newest: Estimate | None = None  # of the key whose error rate was estimated last
     _sifted_blocks: int = 0
 
     def stored(self, ids: Sequence[UUID]) -> None:
@@ -77,7 +79,8 @@ class Progress:
             self.first_id, self.last_id = self.first_id or ids[0], ids[-1]
         self.keys += len(ids)
 
-    def note(self, ends: Iterable[End], now_s: float) -> None:
+    def note(self, ends: Sequence[End], now_s: float) -> None:
+        self.newest = next((e.estimate for e in reversed(ends) if e.estimate), self.newest)
         blocks = self.made.blocks + sum(keys.blocks_sifted for keys in ends)
         if blocks > self._sifted_blocks:
             self._sifted_blocks, self.light_s = blocks, now_s - self.started_s
@@ -91,15 +94,26 @@ class Progress:
 
 
 def so_far(progress: Progress, ends: Iterable[End], now_s: float) -> KeyProgress:
-    counts = progress.counts(ends)
+    counts, newest = progress.counts(ends), progress.newest
+    qber, low, high = error_rate(counts.estimate)
     return KeyProgress(
         photons=progress.photons,
         raw_bits=counts.raw,
         sifted_bits=counts.sifted,
         key_bits=counts.key,
         keys=progress.keys,
+        qber=qber,
+        qber_low=low,
+        qber_high=high,
+        max_qber=progress.max_qber,
+        newest_qber=[newest.qber, *newest.interval(CONFIDENCE)] if newest else None,
         elapsed_s=now_s - progress.started_s,
     )
+
+
+def error_rate(found: Estimate) -> tuple[float, float, float] | tuple[None, None, None]:
+    """Return the error rate and the ends of its interval; None: no bit was compared."""
+    return (found.qber, *found.interval(CONFIDENCE)) if found.sample else (None, None, None)
 
 
 def summary(progress: Progress, ends: Iterable[End], now_s: float) -> KeyFigures:
@@ -112,8 +126,7 @@ def summary(progress: Progress, ends: Iterable[End], now_s: float) -> KeyFigures
     estimate = counts.estimate if counts.estimate.sample else None
     elapsed_s = now_s - progress.started_s
     light_s = progress.light_s or elapsed_s  # nothing was sifted
-    low, high = estimate.interval(CONFIDENCE) if estimate else (None, None)
-    qber = estimate.qber if estimate else None
+    qber, low, high = error_rate(counts.estimate)
     limit = None
     if qber is not None and not counts.means:
         limit = asymptotic_fraction(qber, counts.single_share)
@@ -125,6 +138,7 @@ def summary(progress: Progress, ends: Iterable[End], now_s: float) -> KeyFigures
         qber=qber,
         qber_low=low,
         qber_high=high,
+        max_qber=progress.max_qber,
         disclosed_bits=counts.estimate.sample,
         ones_fraction=estimate.ones / estimate.sample if estimate else None,
         leaked_bits=counts.leaked,

@@ -1,0 +1,27 @@
+"""The title of a run on a page: its job in words, before the name of its folder."""
+
+TITLES = {
+    "sdc": "Superdense coding",
+    "teleport": "Teleportation",
+    "distribute": "Entanglement distribution",
+    "swap": "Entanglement swapping",
+    "ghz": "GHZ states",
+    "graph": "Graph states",
+    "conference": "Conference keys",
+    "sense": "Distributed sensing",
+    "bb84": "BB84",
+    "bbm92": "BBM92",
+    "e91": "E91",
+    "mdi": "MDI-QKD",
+    "seal": "Tamper seal",
+    "load": "Heavy traffic",
+    "keys": "Key managers",
+    "vpn": "VPN",
+    "netqasm": "NetQASM",
+}
+
+
+def title_of(folder: str) -> str:
+    """Return the job of a folder in words, before its name; the name alone if it has none."""
+    title = TITLES.get(folder.partition("-")[2])
+    return f"{title} ({folder})" if title else folder
