@@ -69,8 +69,8 @@ class Quiescence:
         self._proc = proc
         self._tasks: list[Task] = []
         self._newest = b""  # process id of the newest task when the list was made
-        self._load = os.open("/proc/loadavg", os.O_RDONLY)
-        self._softnet = os.open("/proc/net/softnet_stat", os.O_RDONLY)
+        self._load = os.open(f"{proc}/loadavg", os.O_RDONLY)
+        self._softnet = os.open(f"{proc}/net/softnet_stat", os.O_RDONLY)
 
     def __bool__(self) -> bool:
         """Return whether nothing runs now."""

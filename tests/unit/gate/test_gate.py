@@ -20,7 +20,7 @@ from stepping import DEADLINE_S, SINCE_NS, Stepping, stepping
 from gate.quiescence import Task
 from wire.network_time import CONTROLLER, NEVER, WITH_WALL, GateClient, LinkCounts, SteppedTime
 
-LEAPS, MANY_LEAPS = 300, 100_000
+LEAPS, MANY_LEAPS = 150, 100_000
 LEAP_S = 0.02  # at most, on a busy machine
 # Works when a message or a deadline comes: computes, and then sends a message or waits. Who sends
 # counts work that begins, and who has done it that it is over.
