@@ -6,10 +6,14 @@ are of them.
 """
 
 from math import erfc, sqrt
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from wire import keyed
+
+Bytes = NDArray[np.uint8]
 
 RARE = 1 / 32  # below, gaps between events are drawn instead of a byte for each photon
 STEPS = 256  # of a byte
@@ -21,6 +25,9 @@ class Source(Protocol):
 
     def generator(self, key: tuple[int, int, int], purpose: str) -> np.random.Generator:
         """Return the generator of a block for a purpose."""
+
+    def digest(self, key: tuple[int, int, int], purpose: str) -> bytes:
+        """Return the key of that generator."""
 
 
 class PhotonRandom:
@@ -123,8 +130,54 @@ class PhotonRandom:
         indices: NDArray[np.uint8] = bounds[:-1].searchsorted(drawn, side="right").astype(np.uint8)
         return indices
 
+    def which_of(self, purpose: str, photons: NDArray[np.int64], weights: ArrayLike) -> Bytes:
+        """Choose one of several cases for each of these photons."""
+        return self.which(purpose, photons.size, weights)
+
+    def paulis_of(self, purpose: str, photons: NDArray[np.int64]) -> Bytes:
+        """Choose X, Z or XZ, any alike, for each of these photons."""
+        return self.generator(purpose).integers(1, 4, photons.size, dtype=np.uint8)
+
     def _gaps(
         self, generator: np.random.Generator, probability: float, size: int
     ) -> NDArray[np.int64]:
         """Draw how far each event is from the last; beyond the block one is like another."""
         return np.minimum(generator.geometric(probability, size), self.photons + 1)
+
+
+class PhotonsByKey(PhotonRandom):
+    """Draws for some photons, whichever they are: each by a key of its own."""
+
+    _keys: keyed.Words
+
+    @classmethod
+    def of(cls, random: PhotonRandom, keys: NDArray[np.int64] | keyed.Words) -> Self:
+        """Draw for these photons, shape (m,), at the place of others."""
+        by_key = cls(random._draws, random._block, random._place, keys.size)
+        by_key._keys = keys.astype(np.uint64)
+        return by_key
+
+    def uniform(self, purpose: str) -> NDArray[np.float64]:
+        return self._uniform(purpose, self._keys)
+
+    def normal(self, purpose: str) -> NDArray[np.float64]:
+        """As Box and Muller, Ann. Math. Statist. 29, 610 (1958)."""
+        radius = np.sqrt(-2 * np.log1p(-self.uniform(purpose)))
+        return np.asarray(radius * np.cos(2 * np.pi * self.uniform(f"{purpose}, angle")))
+
+    def events(self, purpose: str, probability: float) -> NDArray[np.int64]:
+        return np.flatnonzero(self.happens(purpose, probability))
+
+    def happens(self, purpose: str, probability: float | NDArray[np.float64]) -> NDArray[np.bool_]:
+        return self.uniform(purpose) < probability
+
+    def which_of(self, purpose: str, photons: NDArray[np.int64], weights: ArrayLike) -> Bytes:
+        bounds = np.cumsum(weights)
+        drawn = self._uniform(purpose, self._keys[photons]) * bounds[-1]
+        return np.asarray(bounds[:-1].searchsorted(drawn, side="right"), np.uint8)
+
+    def paulis_of(self, purpose: str, photons: NDArray[np.int64]) -> Bytes:
+        return np.uint8(1) + self.which_of(purpose, photons, np.ones(3))
+
+    def _uniform(self, purpose: str, keys: keyed.Words) -> NDArray[np.float64]:
+        return keyed.uniform(self._draws.digest(self._block, f"{self._place} {purpose}"), keys)

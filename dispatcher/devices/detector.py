@@ -31,34 +31,68 @@ from wire.parameters.physics import Detectors
 
 Mask = NDArray[np.bool_]
 Positions = NDArray[np.int32]
+Slots = NDArray[np.int64]  # of a train, counted from 0
 
 MOST_STEPS = 64  # of a walk, however few clicks there are
+MANY = 64  # slots for each click, or fewer, and all slots are gone through
 MOST_DEAD = 8  # slots, of which there is a table
 LEAST_TRAIN = 2048  # slots, from which on the table is quicker
 PIECE = 32  # bytes
 
 
-def seen(clicks: Mask, dead_slots: int) -> Mask:
-    """Return which clicks come at least `dead_slots` slots after the last that is seen."""
-    if dead_slots <= 1:
-        return clicks
-    if dead_slots <= MOST_DEAD and clicks.size >= LEAST_TRAIN:
-        return _by_table(clicks, dead_slots)
-    slots = np.flatnonzero(clicks).astype(np.int32)
-    if not slots.size:
-        return clicks
-    dead_slots = min(dead_slots, clicks.size)
-    # The first click that the detector can see after each: clicks before a slot, counted.
-    before = np.zeros(clicks.size + 1, dtype=np.int32)
-    np.cumsum(clicks, out=before[1:])
-    following = before[np.minimum(slots + np.int32(dead_slots), clicks.size)]
+def seen(slots: Slots, dead_slots: int, train: int) -> Slots:
+    """Return which clicks come at least `dead_slots` slots after the last that is seen.
+
+    Clicks are slots of a train, ascending.
+    """
+    if dead_slots <= 1 or not slots.size:
+        return slots
+    many = slots.size * MANY >= train
+    if dead_slots <= MOST_DEAD and train >= LEAST_TRAIN and many:
+        return np.flatnonzero(_by_table(marked(slots, train), dead_slots))
+    dead_slots = min(dead_slots, train)
+    following = _following(slots, dead_slots, train, many)
     entries = np.append(0, np.flatnonzero(slots[1:] - slots[:-1] >= dead_slots) + 1)
     longest = np.diff(entries, append=slots.size).max()
     if longest > MOST_STEPS + 2 * np.sqrt(slots.size):
         entries = _entries(following)
-    visible = np.zeros(clicks.size, dtype=bool)
-    visible[slots[_walk(following, entries)]] = True
-    return visible
+    return slots[_walk(following, entries)]
+
+
+def _following(slots: Slots, dead_slots: int, train: int, many: bool) -> Positions:
+    """Return the first click that the detector can see after each."""
+    if not many:
+        return slots.searchsorted(slots + dead_slots).astype(np.int32)
+    before = np.zeros(train + 1, dtype=np.int32)  # clicks before a slot
+    np.cumsum(marked(slots, train), out=before[1:])
+    return before[np.minimum(slots + dead_slots, train)]
+
+
+def marked(slots: Slots, train: int) -> Mask:
+    """Return a mask of these slots of a train."""
+    mask = np.zeros(train, dtype=bool)
+    mask[slots] = True
+    return mask
+
+
+def distinct(slots: Slots) -> Slots:
+    """Return each of some slots, which ascend, once."""
+    return slots[np.flatnonzero(np.diff(slots, prepend=-1))]
+
+
+def union(one: Slots, other: Slots) -> Slots:
+    """Return slots that are in one or the other; all ascend."""
+    if not (one.size and other.size):
+        return one if one.size else other
+    return distinct(np.sort(np.concatenate([one, other]), kind="stable"))
+
+
+def among(values: NDArray[np.int64], slots: Slots) -> Mask:
+    """Return which values are among slots, which ascend."""
+    if not slots.size:
+        return np.zeros(values.size, dtype=bool)
+    nearest = slots[np.minimum(slots.searchsorted(values), slots.size - 1)]
+    return np.equal(nearest, values)
 
 
 class _Table(NamedTuple):
@@ -141,7 +175,7 @@ def _entries(following: Positions) -> NDArray[np.intp]:
     return np.array(entered)
 
 
-Slots = NDArray[np.float64]  # counted from 0, with their fractions
+Moments = NDArray[np.float64]  # slots with their fractions
 SAME_SLOT = 1e-9  # by which rounding may miss it
 
 
@@ -160,13 +194,13 @@ class Train:
 class Afterpulses(NamedTuple):
     """Those that there may be: the slots of the clicks that they follow, and their own."""
 
-    causes: NDArray[np.intp]
-    slots: Slots
+    causes: Slots
+    moments: Moments
 
 
 @dataclass(frozen=True)
 class Clicks:
-    seen: Mask
+    seen: Slots
     afterpulses: int = 0
     dead: int = 0  # what would have clicked too
 
@@ -177,31 +211,29 @@ class Detector:
     _last_ns: int | None = None
     _to_come_ns: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
-    def watch(self, candidates: Mask, train: Train, random: PhotonRandom) -> Clicks:
-        """Return which of the candidates, shape (k,), and afterpulses click in a train."""
+    def watch(self, candidates: Slots, train: Train, random: PhotonRandom) -> Clicks:
+        """Return which of the candidates, ascending, and afterpulses click in a train."""
         device = self.device
         if not train.interval_ns or not (device.dead_time_s or device.afterpulse_probability):
             return Clicks(candidates)
         left_over = self._left_over(train)
         pulses = self._afterpulses(train, random)
-        after, seen = left_over, self._live(candidates | left_over, train)
+        after, seen = left_over, self._live(union(candidates, left_over), train)
+        caused = among(pulses.causes, candidates)
         # Clicks decide which afterpulses there are, and these decide later clicks:
         # each round is right up to a later moment, and the last one throughout.
         while True:
-            happened = seen[pulses.causes] & candidates[pulses.causes]
-            now = left_over | self._in_gates(pulses.slots[happened], train)
+            happened = caused & among(pulses.causes, seen)
+            now = union(left_over, self._in_gates(pulses.moments[happened], train))
             if np.array_equal(now, after):
                 break
-            after, seen = now, self._live(candidates | now, train)
-        self._remember(seen, pulses.slots[happened], train)
-        candidate_count, clicks = (
-            int(np.count_nonzero(mask)) for mask in (candidates | after, seen)
-        )
-        return Clicks(
-            seen, int(np.count_nonzero(seen & after & ~candidates)), candidate_count - clicks
-        )
+            after, seen = now, self._live(union(candidates, now), train)
+        self._remember(seen, pulses.moments[happened], train)
+        lightless = among(seen, after) & ~among(seen, candidates)
+        missed = union(candidates, after).size - seen.size
+        return Clicks(seen, int(np.count_nonzero(lightless)), missed)
 
-    def _live(self, candidates: Mask, train: Train) -> Mask:
+    def _live(self, candidates: Slots, train: Train) -> Slots:
         """Return the clicks that do not come within the dead time of others."""
         dead_ns = self.device.dead_time_s * 1e9
         if not dead_ns:
@@ -210,34 +242,29 @@ class Detector:
         if self._last_ns is not None and self._last_ns < train.start_ns:
             since_ns = train.start_ns - self._last_ns
             first = int(np.ceil((dead_ns - since_ns) / train.interval_ns - SAME_SLOT))
-            if first > 0:
-                candidates = candidates.copy()
-                candidates[:first] = False
-        return seen(candidates, dead_slots)
+            candidates = candidates[candidates.searchsorted(first) :]
+        return seen(candidates, dead_slots, train.count)
 
     def _afterpulses(self, train: Train, random: PhotonRandom) -> Afterpulses:
         causes = random.events("afterpulse", self.device.afterpulse_probability)
         waits = random.generator("afterpulse delay").standard_exponential(causes.size)
-        slots = causes + waits * (self.device.afterpulse_s * 1e9 / train.interval_ns)
-        later = np.rint(slots) > causes
-        return Afterpulses(causes[later], slots[later])
+        moments = causes + waits * (self.device.afterpulse_s * 1e9 / train.interval_ns)
+        later = np.rint(moments) > causes
+        return Afterpulses(causes[later], moments[later])
 
-    def _left_over(self, train: Train) -> Mask:
-        slots = (self._to_come_ns - train.start_ns).astype(np.float64) / train.interval_ns
-        return self._in_gates(slots, train)
+    def _left_over(self, train: Train) -> Slots:
+        moments = (self._to_come_ns - train.start_ns).astype(np.float64) / train.interval_ns
+        return self._in_gates(moments, train)
 
-    def _in_gates(self, slots: Slots, train: Train) -> Mask:
-        nearest = np.rint(slots)
-        off_ns = np.abs(slots - nearest) * train.interval_ns
+    def _in_gates(self, moments: Moments, train: Train) -> Slots:
+        nearest = np.rint(moments)
+        off_ns = np.abs(moments - nearest) * train.interval_ns
         inside = (nearest >= 0) & (nearest < train.count) & (off_ns <= self.device.gate_s * 5e8)
-        clicks = np.zeros(train.count, dtype=bool)
-        clicks[nearest[inside].astype(np.intp)] = True
-        return clicks
+        return distinct(np.sort(nearest[inside].astype(np.int64)))
 
-    def _remember(self, seen: Mask, afterpulses: Slots, train: Train) -> None:
-        before_end = int(seen[::-1].argmax())
-        if seen[train.count - 1 - before_end]:
-            self._last_ns = max(self._last_ns or 0, train.time_ns(train.count - 1 - before_end))
+    def _remember(self, seen: Slots, afterpulses: Moments, train: Train) -> None:
+        if seen.size:
+            self._last_ns = max(self._last_ns or 0, train.time_ns(int(seen[-1])))
         to_come = afterpulses[afterpulses > train.count - 0.5] * train.interval_ns
         fresh = train.start_ns + to_come.astype(np.int64)
         later_ns = self._to_come_ns[self._to_come_ns >= train.time_ns(train.count)]

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.devices.detector import Detector, Train
+from dispatcher.devices.detector import Detector, Slots, Train, among, distinct, marked, union
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.registers import Mask
 from wire.outcomes import NO_CLICK
@@ -55,6 +55,15 @@ class Detection:
         return {name: count for name in names if (count := getattr(self, name))}
 
 
+class Seen(NamedTuple):
+    """The clicks of two detectors, and what there was beside light."""
+
+    slots: list[Slots]
+    dark: int
+    afterpulses: int
+    dead: int
+
+
 class DetectorPair:
     def __init__(self, device: Detectors) -> None:
         self._device = device
@@ -63,6 +72,11 @@ class DetectorPair:
         lower = device.efficiency * (1 - device.efficiency_mismatch)
         self._efficiencies = np.array([device.efficiency, lower])  # by the bit that they tell
         self._remembers = device.dead_time_s > 0 or device.afterpulse_probability > 0
+
+    @property
+    def efficiencies(self) -> NDArray[np.float64]:
+        """How likely each sees a photon of its bit; the second is not the better one."""
+        return self._efficiencies
 
     @property
     def ideal(self) -> bool:
@@ -201,32 +215,80 @@ class DetectorPair:
 
     def _watch(self, light: list[Mask], own: Mask, train: Train, random: PhotonRandom) -> Detection:
         """Add what detectors do without light, and read off the bits."""
-        dark, candidates = 0, light
-        if self._dark:
-            counts = [random.happens(f"dark count {which}", self._dark) for which in (0, 1)]
-            dark = sum(int(np.count_nonzero(mask)) for mask in counts)
-            candidates = [mask | more for mask, more in zip(light, counts, strict=True)]
-        watched = [
-            detector.watch(mask, train, random.at(str(which)))
-            for which, (detector, mask) in enumerate(zip(self._detectors, candidates, strict=True))
-        ]
-        zero, one = (clicks.seen for clicks in watched)
+        if not self._dark and not self._remembers:
+            return self._read(light, own, light, random)
+        seen = self._seen([np.flatnonzero(mask) for mask in light], train, random)
+        masks = [marked(slots, own.size) for slots in seen.slots]
+        detection = self._read(masks, own, light, random)
+        return replace(detection, dark=seen.dark, afterpulses=seen.afterpulses, dead=seen.dead)
+
+    def _read(
+        self, seen: list[Mask], own: Mask, light: list[Mask], random: PhotonRandom
+    ) -> Detection:
+        """Read the bits off the clicks of both detectors, at the same places each."""
+        zero, one = seen
         bits = hide(one.astype(np.uint8), ~(zero | one))
         both = np.flatnonzero(zero & one)
         if both.size:
             bits[both] = random.coins("double click", both.size)
-        click_count = int(np.count_nonzero(zero)) + int(np.count_nonzero(one))
         lightless = self._dark > 0 or self._device.afterpulse_probability > 0
         return Detection(
             bits,
             own,
-            click_count,
+            int(np.count_nonzero(zero)) + int(np.count_nonzero(one)),
             lightless=(zero | one) & ~(light[0] | light[1]) if lightless else None,
             twice=zero & one if both.size else None,
-            dark=dark,
+            double=both.size,
+        )
+
+    def _seen(self, light: list[Slots], train: Train, random: PhotonRandom) -> Seen:
+        """Return the clicks of both detectors, light and what they do without."""
+        counts = [random.events(f"dark count {which}", self._dark) for which in (0, 1)]
+        watched = [
+            detector.watch(union(slots, dark), train, random.at(str(which)))
+            for which, (detector, slots, dark) in enumerate(
+                zip(self._detectors, light, counts, strict=True)
+            )
+        ]
+        return Seen(
+            [clicks.seen for clicks in watched],
+            dark=sum(slots.size for slots in counts),
             afterpulses=sum(clicks.afterpulses for clicks in watched),
             dead=sum(clicks.dead for clicks in watched),
-            double=both.size,
+        )
+
+    def detect_few(
+        self,
+        light: ExtraBits,
+        train: Train,
+        random: PhotonRandom,
+        moved_ps: NDArray[np.float64] | None = None,
+    ) -> tuple[Slots, Detection]:
+        """Look at photons that meet a detector, pulse by pulse, late by so much; return the clicks.
+
+        The detection has a place for each of the slots that are returned.
+        """
+        before = light.pulses.size
+        if moved_ps is not None:
+            places, inside = self._gates_of(light.pulses, moved_ps, train, train.count)
+            order = np.argsort(places[inside], kind="stable")
+            light = ExtraBits(places[inside][order], light.bits[inside][order])
+        clicks = [distinct(light.pulses[light.bits == value]) for value in (0, 1)]
+        seen = self._seen(clicks, train, random)
+        slots = union(*seen.slots)
+        own = among(slots, union(*clicks))
+        detection = self._read(
+            [among(slots, each) for each in seen.slots],
+            own,
+            [among(slots, each) for each in clicks],
+            random,
+        )
+        return slots, replace(
+            detection,
+            dark=seen.dark,
+            afterpulses=seen.afterpulses,
+            dead=seen.dead,
+            outside=before - light.pulses.size,
         )
 
 

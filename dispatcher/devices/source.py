@@ -121,8 +121,7 @@ def misprepared(source: PairSource, random: PhotonRandom) -> NDArray[np.uint8] |
         return None
     wrong = random.events("preparation", 1.5 * source.preparation_error)
     paulis = np.zeros(random.photons, dtype=np.uint8)
-    drawn = random.generator("preparation, which").integers(1, 4, wrong.size, dtype=np.uint8)
-    paulis[wrong] = drawn
+    paulis[wrong] = random.paulis_of("preparation, which", wrong)
     return paulis
 
 

@@ -257,10 +257,13 @@ class Loss:
 
     loss_db: float
 
-    def effect(self, passage: Passage) -> Effect:
-        transmission = 10 ** (-self.loss_db / 10)
-        lost = ~passage.happens("pass", transmission)
-        return Effect(lost=lost, transmission=transmission)
+    @property
+    def transmission(self) -> float:
+        return float(10 ** (-self.loss_db / 10))
+
+    def effect(self, passage: PhotonRandom) -> Effect:
+        lost = ~passage.happens("pass", self.transmission)
+        return Effect(lost=lost, transmission=self.transmission)
 
 
 @dataclass(frozen=True)
@@ -269,7 +272,7 @@ class Depolarizing:
 
     p: float
 
-    def effect(self, passage: Passage) -> Effect:
+    def effect(self, passage: PhotonRandom) -> Effect:
         return Effect(paulis=depolarized(passage, passage.events("error", 0.75 * self.p)))
 
 
@@ -279,7 +282,7 @@ class Dephasing:
 
     probability: float
 
-    def effect(self, passage: Passage) -> Effect:
+    def effect(self, passage: PhotonRandom) -> Effect:
         paulis = np.zeros(passage.photons, dtype=np.uint8)
         paulis[passage.events("flip", self.probability)] = Z
         return Effect(paulis=paulis)
@@ -293,25 +296,21 @@ class PauliChannel:
     y: float
     z: float
 
-    def effect(self, passage: Passage) -> Effect:
+    def effect(self, passage: PhotonRandom) -> Effect:
         paulis = np.zeros(passage.photons, dtype=np.uint8)
         hit = passage.events("error", self.x + self.y + self.z)
-        drawn = passage.which("which", hit.size, (self.x, self.z, self.y))
+        drawn = passage.which_of("which", hit, (self.x, self.z, self.y))
         paulis[hit] = 1 + drawn  # 1 X, 2 Z, 3 XZ: Y but for a phase
         return Effect(paulis=paulis)
 
 
-MEMORYLESS = (
-    Loss,
-    Depolarizing,
-    Dephasing,
-    PauliChannel,
-)  # each photon for itself, whenever it comes
+Memoryless = Loss | Depolarizing | Dephasing | PauliChannel
+# Each photon for itself, whenever it comes.
+MEMORYLESS = Loss, Depolarizing, Dephasing, PauliChannel
 
 
-def depolarized(passage: Passage, photons: NDArray[np.int64]) -> NDArray[np.uint8]:
+def depolarized(passage: PhotonRandom, photons: NDArray[np.int64]) -> NDArray[np.uint8]:
     """Return X, Z or XZ, any alike, for these photons; shape (k,)."""
     paulis = np.zeros(passage.photons, dtype=np.uint8)
-    drawn = passage.generator("which").integers(1, 4, len(photons), dtype=np.uint8)
-    paulis[photons] = drawn
+    paulis[photons] = passage.paulis_of("which", photons)
     return paulis

@@ -43,6 +43,11 @@ class Makers:
         self._places[maker] += places
         self._blocks[maker] += 1
 
+    def grow(self, maker: str, name: Name, places: int) -> None:
+        """Note that light has these further places."""
+        self._made[maker, name].places += places
+        self._places[maker] += places
+
     def end(self, maker: str, name: Name, place: str) -> None:
         """Note that a part has ended at a node, or on its way if there is none."""
         light = self._made[maker, name]

@@ -64,10 +64,10 @@ class PhysicalLayer:
         event.time_ns = self.time.wall_ns(happened_ns)
         if block is not None:
             event.block.CopyFrom(block_id(block.name))
-            event.photons = block.register.size
-            event.lost = block.register.size - block.register.remaining
+            event.photons = block.size
+            event.lost = max(0, block.size - block.remaining)
             if each is not None and block.name.number == 0:
-                event.first.extend(map(each, range(min(FIRST_PHOTONS, block.register.size))))
+                event.first.extend(map(each, range(min(FIRST_PHOTONS, block.size))))
         self.history.record(event)
         if block is not None and (limit := self.history.photons_wanted):
             self.history.record_photons(_photons(event, block, limit, each))
@@ -76,7 +76,7 @@ class PhysicalLayer:
         """Return the feedback that is common to all operations on a block, with others if any."""
         feedback = Feedback(
             time_ns=self.clock.now_ns(),
-            photons=block.register.size,
+            photons=block.size,
             first_ns=block.first_ns,
             last_ns=block.last_ns,
         )
@@ -84,7 +84,8 @@ class PhysicalLayer:
 
     def mark(self, feedback: Feedback, blocks: Sequence[Block]) -> Feedback:
         """Say in the feedback what simulates the blocks, and whether that is exact."""
-        feedback.backend = self.sabot.simulated_by(*(block.register for block in blocks))
+        registers = [block.register for block in blocks if block.weak is None]
+        feedback.backend = self.sabot.simulated_by(*registers)
         feedback.exact = self.count_exact(blocks)
         return feedback
 
@@ -108,6 +109,11 @@ class PhysicalLayer:
                 self.recall(block)
             elif not (made and block.is_new):
                 self._hold(block)
+
+    def waits(self, block: Block) -> str | None:
+        """Return which memory a block has waited in until it is used; None: in none."""
+        waited = self.memories.holds(block) or self.memories.has_waited(block, asked_ns())
+        return f"the memory of {block.node}" if waited else None
 
     def take_up_pair(self, first: Block, second: Block) -> None:
         """The same of blocks whose photons pair up: what waits does so for light that comes later.
@@ -145,17 +151,18 @@ class PhysicalLayer:
         return HeldBlock(
             block=block_id(block.name),
             port=block.port,
-            photons=block.register.remaining,
+            photons=block.remaining,
             stored=self.memories.holds(block),
         )
 
     def drop(self, block: Block) -> None:
         """Discard a block whatever its state."""
         self.memories.forget(block)
-        purpose = block.draws_for("discard")
-        draws = self.draws.photons(block.name, purpose, block.register.size)
-        self.sabot.drop(block.register, draws)
-        extra_pairs.drop(self.sabot, block, self.draws)
+        if block.weak is None:
+            purpose = block.draws_for("discard")
+            draws = self.draws.photons(block.name, purpose, block.register.size)
+            self.sabot.drop(block.register, draws)
+            extra_pairs.drop(self.sabot, block, self.draws)
         self.ownership.remove(block)
 
 

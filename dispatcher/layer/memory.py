@@ -124,14 +124,10 @@ class Memories:
 
         Return what has happened to it, None if nothing could. Raise as read_out.
         """
+        if self._keeps(block):
+            return None
         device = self._devices.of(block.node)
-        memory, noise = device.memory, self._devices.noise(block.node, "memory")
-        light_of_others = block.fibers_passed and not block.kept
-        can_keep = memory.capacity and not (light_of_others and memory.kind == "emissive")
-        if can_keep and memory.keeps and noise is None:
-            return None
-        if block.is_new and block.retimed:  # prepared when it is wanted
-            return None
+        memory, can_keep = device.memory, self._can_keep(block)
         until_ns, interval_ns = asked_ns or self._clock.now_ns(), 0.0
         if light is not None and light.start_ns > until_ns:
             until_ns, interval_ns = light.start_ns, light.interval_ns
@@ -152,6 +148,25 @@ class Memories:
         if not all_waited:  # some of it has come as it was wanted
             block.start_ns, block.interval_ns, block.first_ns, block.last_ns = schedule
         return f"{detail}, not stored"
+
+    def has_waited(self, block: Block, asked_ns: int) -> bool:
+        """Return whether a wait until a block was asked for does something to it."""
+        if self._keeps(block):
+            return False
+        return _waits(block, asked_ns or self._clock.now_ns(), 0.0).longest_s > 0
+
+    def _can_keep(self, block: Block) -> bool:
+        memory = self._devices.of(block.node).memory
+        light_of_others = block.fibers_passed and not block.kept
+        return memory.capacity > 0 and not (light_of_others and memory.kind == "emissive")
+
+    def _keeps(self, block: Block) -> bool:
+        """Return whether waiting here does nothing to a block."""
+        if block.is_new and block.retimed:  # prepared when it is wanted
+            return True
+        ideal = self._devices.of(block.node).memory.keeps
+        noise = self._devices.noise(block.node, "memory")
+        return self._can_keep(block) and ideal and noise is None
 
     def look_in(self, block: Block) -> str:
         """Decide what the wait so far has done to a block that stays in the memory.
@@ -226,4 +241,4 @@ def _waits(block: Block, start_ns: int, interval_ns: float) -> Waits:
         waited_ns = np.arange(qubits) * interval_ns + (start_ns - block.came_ns)
         return Waits(0.0, 0.0, qubits, np.asarray(waited_ns / 1e9, np.float64))
     step_s = (interval_ns - block.interval_ns) / 1e9
-    return Waits((start_ns - block.start_ns) / 1e9, step_s, block.register.size)
+    return Waits((start_ns - block.start_ns) / 1e9, step_s, block.size)

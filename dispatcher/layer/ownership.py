@@ -19,6 +19,7 @@ from dispatcher.approximations import EXACT, Approximations
 from dispatcher.devices.overlap import Spectrum
 from dispatcher.fiber.turn import Turn
 from dispatcher.layer.emitted_light import Makers
+from dispatcher.layer.weak_pulses import WeakPulses
 from dispatcher.refusal import denied
 from dispatcher.sabot.registers import Register
 from wire.parameters.physics import ENCODINGS
@@ -144,6 +145,7 @@ class Block:
     fibers_passed: int = 0
     pulses: Pulses = field(default_factory=Pulses)
     extra_pairs: ExtraPairs | None = None  # None: no pulse has a photon of a second pair
+    weak: WeakPulses | None = None  # instead of all these, of a register without a place
     start_ns: int = 0  # when photon 0 is, or would have been, at the port; photon k comes later
     interval_ns: float = 0.0  # by k times this; 0: they were in no fibre yet
     came_ns: NDArray[np.int64] | None = None  # when each began to be, instead; shape (k,)
@@ -164,6 +166,21 @@ class Block:
     lineage: str = ""
     maker: str = ""  # the node that has made it; the first at which it is, by default
     heard_ns: int = 0  # when its node can hear of it, if it was heralded elsewhere
+
+    @property
+    def size(self) -> int:
+        """How many pulses, or qubits, it has a place for."""
+        return self.register.size if self.weak is None else self.weak.count
+
+    @property
+    def places(self) -> int:
+        """How much of its node's share of photons it takes."""
+        return self.register.size if self.weak is None else self.weak.choices.places
+
+    @property
+    def remaining(self) -> int:
+        """In how many of them a photon is left; of weak pulses the photons, on average."""
+        return self.register.remaining if self.weak is None else self.weak.expected
 
     @property
     def is_new(self) -> bool:
@@ -218,9 +235,17 @@ class Ownership:
         self._by_name.setdefault(block.name, []).append(block)
         self._by_session.setdefault((block.node, block.name.session), {})[block] = None
         self.count += 1
-        self.places += block.register.size
+        self.places += block.places
         block.maker = block.maker or block.node
-        self.makers.add(block.maker, block.name, block.register.size)
+        self.makers.add(block.maker, block.name, block.places)
+
+    def change(self, block: Block, register: Register, weak: WeakPulses | None = None) -> None:
+        """Let a block be this register, or weak pulses, instead of what it was."""
+        before = block.places
+        block.register, block.weak = register, weak
+        more = block.places - before
+        self.places += more
+        self.makers.grow(block.maker, block.name, more)
 
     def remove(self, block: Block) -> None:
         self.makers.end(block.maker, block.name, block.node)
@@ -230,7 +255,7 @@ class Ownership:
             del self._by_name[block.name]
         self._leave(block)
         self.count -= 1
-        self.places -= block.register.size
+        self.places -= block.places
 
     def move(self, block: Block, node: str, port: str = "") -> None:
         self._leave(block)

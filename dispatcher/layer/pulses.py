@@ -142,7 +142,7 @@ def retime(pulses: Pulses) -> None:
     pulses.delays_ps, pulses.dispersion_ps_per_nm = None, 0.0
 
 
-def late_ps(pulses: Pulses, photons: int, random: PhotonRandom) -> NDArray[np.float64] | None:
+def late_ps(pulses: Pulses, random: PhotonRandom) -> NDArray[np.float64] | None:
     """Return how late each pulse comes to a detector, shape (k,); None: none does.
 
     Light that fibres have dispersed is late by the offset of its wavelength, the same in all.
@@ -150,5 +150,5 @@ def late_ps(pulses: Pulses, photons: int, random: PhotonRandom) -> NDArray[np.fl
     spread_ps = pulses.bandwidth_nm * pulses.dispersion_ps_per_nm
     if not spread_ps:
         return pulses.delays_ps
-    offsets = random.generator("wavelength").standard_normal(photons) * spread_ps
+    offsets = random.normal("wavelength") * spread_ps
     return offsets if pulses.delays_ps is None else pulses.delays_ps + offsets

@@ -12,7 +12,8 @@ from dispatcher.devices.source import most_extra_pairs
 from dispatcher.layer import cutoff, device_noise, drift, extra_pairs, herald
 from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import Block, BlockName
-from dispatcher.operations import emission, imperfections, limits
+from dispatcher.layer.weak_pulses import PulseChoices
+from dispatcher.operations import emission, imperfections, limits, weak_light
 from dispatcher.operations.emission import emit_into, emit_prepared
 from dispatcher.refusal import Refusal, exhausted, invalid
 from dispatcher.sabot.backend import Angle, Bytes, GateName
@@ -30,6 +31,7 @@ from wire.dispatcher_pb2 import (
 )
 from wire.features import EMIT, GATE, STORE
 from wire.outcomes import PAULIS
+from wire.parameters.physics import PairSource
 
 DIAGONAL = ("S", "S_DAG", "CZ", "T", "T_DAG", "RZ")
 GATES: dict[int, GateName] = {
@@ -108,10 +110,13 @@ class Operations:
         by_host = (
             request.state == CreateRequest.ZEROS
         )  # qubits of the host itself, not of its source
-        more = 0 if by_host else most_extra_pairs(source, request.count)
-        self._require_capacity(node, names, request.count, more)
         states = limits.states(request)
         levels = limits.levels(request, len(source.intensities))
+        if states is not None and weak_light.is_weak(source) and not _has_custom_noise(layer, node):
+            return self._create_weak(node, names[0], source, PulseChoices(states, levels))
+        require_count(request.count)
+        more = 0 if by_host else most_extra_pairs(source, request.count)
+        self._require_capacity(node, names, request.count, more)
         blocks = self._new_blocks(node, names, self._make(request, states))
         if halves == PAIR:
             pairs, detail = emit_into(blocks[0], blocks[1], layer)
@@ -131,6 +136,24 @@ class Operations:
         each = None if states is None else lambda position: emission.STATES[states[position]]
         layer.record(node, "create", blocks[0], detail=text, each=each)
         return imperfections.lasts(layer.feedback(blocks[0]), seconds, blocks)
+
+    def _create_weak(
+        self, node: str, name: BlockName, source: PairSource, choices: PulseChoices
+    ) -> Feedback:
+        """Let a laser emit pulses, whose photons are drawn when something looks at them."""
+        layer = self._layer
+        self._require_capacity(node, [name], choices.places, 0)
+        (block,) = self._new_blocks(node, [name], [Register(0)])
+        light = weak_light.emitted(block, source, choices, layer.draws)
+        layer.ownership.change(block, Register(0), light)
+        block.retimed, block.source_rate_hz = True, source.max_rate_hz
+        detail = f"weak pulses: {tally(choices.states, emission.STATES)}"
+
+        def each(position: int) -> str:
+            return emission.STATES[choices.states_of(np.array([position]))[0]]
+
+        layer.record(node, "create", block, detail=detail, each=each)
+        return layer.feedback(block)
 
     def _new_blocks(
         self, node: str, names: Sequence[BlockName], registers: Sequence[Register]
@@ -173,7 +196,7 @@ class Operations:
     def apply(self, node: str, request: ApplyRequest) -> Feedback:
         """Apply a Pauli to each photon, then gates to all of them."""
         layer = self._layer
-        block = layer.ownership.require(block_name(request.block), node)
+        block = weak_light.require(layer, block_name(request.block), node)
         planned = self._plan(node, block, request.gates)
         if planned:
             hardware.require(layer.devices, node, GATE)
@@ -207,7 +230,7 @@ class Operations:
     def store(self, node: str, request: StoreRequest) -> Feedback:
         """Keep a block in the node's memory, and drop what is older than the cut-off."""
         cutoff_s = cutoff.requested(request)
-        block = self._layer.ownership.require(block_name(request.block), node)
+        block = weak_light.require(self._layer, block_name(request.block), node)
         wrong = self._layer.memories.store(block, cutoff_s)
         self._layer.record(node, "store", block, detail=wrong)
         feedback = self._layer.feedback(block)
@@ -227,7 +250,7 @@ class Operations:
         return self._discard(self._layer.ownership.of_session(node, session))
 
     def _discard(self, blocks: list[Block]) -> Feedback:
-        photons = sum(block.register.size for block in blocks)
+        photons = sum(block.size for block in blocks)
         feedback = Feedback(time_ns=self._layer.clock.now_ns(), photons=photons)
         self._layer.mark(feedback, blocks)
         for block in blocks:
@@ -240,7 +263,6 @@ class Operations:
     ) -> None:
         """Refuse a block that may be too large, with its further pairs, or whose name is taken."""
         layer = self._layer
-        require_count(count)
         for name in names:
             if layer.ownership.taken(name, node):
                 message = f"{name} exists; discard it or take another number"
@@ -272,9 +294,13 @@ class Operations:
         angle = limits.angle(name, gate, block.register.size, self._layer.sabot.backend)
         if name not in TWO_QUBIT_GATES:
             return PlannedGate(name, None, angle)
-        target = self._layer.ownership.require(block_name(gate.target), node)
+        target = weak_light.require(self._layer, block_name(gate.target), node)
         require_pairs(block, target)
         return PlannedGate(name, target)
+
+
+def _has_custom_noise(layer: PhysicalLayer, node: str) -> bool:
+    return layer.devices.noise(node, "source") is not None
 
 
 def _apply_gate(layer: PhysicalLayer, block: Block, gate: PlannedGate) -> int:

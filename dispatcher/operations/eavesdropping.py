@@ -30,9 +30,10 @@ from dispatcher.fiber.turn import merged
 from dispatcher.layer import device_noise, drift, extra_pairs, pulses
 from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import Block, BlockName, ExtraPairs, Pulses
-from dispatcher.operations import emission, imperfections
+from dispatcher.operations import emission, imperfections, weak_light
 from dispatcher.operations.gathering import require_places
-from dispatcher.operations.measurements import basis_and_outcome, clicks, listed, train
+from dispatcher.operations.measurements import basis_and_outcome, clicks, listed
+from dispatcher.operations.weak_light import train
 from dispatcher.refusal import Refusal, exhausted, invalid
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.limits import packed
@@ -59,6 +60,7 @@ class Splitting:
             raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)
         if into[:2] == name[:2]:
             raise invalid(f"{into} is of the block that is split; take another number")
+        weak_light.draw(layer, f"an operation of {node}", block)
         require_places(layer, block.node, block.register.size)
         layer.take_up(block)
         counts = photons(block)
@@ -136,7 +138,7 @@ class Resending:
     def resend(self, node: str, request: ResendRequest) -> Feedback:
         """Measure the photons that have a basis, and replace them by the outcomes."""
         layer, name = self._layer, block_name(request.block)
-        block = layer.ownership.require(name, node)
+        block = weak_light.require(layer, name, node)
         hardware.require(layer.devices, node, MEASURE)
         hardware.require_encoding(layer.devices, node, block.pulses.encoding)
         size = block.register.size

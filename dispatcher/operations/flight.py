@@ -16,9 +16,7 @@ from numpy.typing import NDArray
 
 from dispatcher.clock import Clock
 from dispatcher.devices.overlap import angular_width
-from dispatcher.fiber.classical_light import ClassicalLight
 from dispatcher.fiber.custom_noise import OwnNoise, of_all
-from dispatcher.fiber.fluctuations import PhaseDrift
 from dispatcher.fiber.noise import MEMORYLESS, Effect, NoiseModel, Passage, Pattern, Schedule
 from dispatcher.fiber.polarization_modes import PolarizationDependentLoss, effect_on
 from dispatcher.fiber.turn import Turn
@@ -27,11 +25,13 @@ from dispatcher.layer.device_noise import Channels
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
 from dispatcher.layer.ownership import Block, ExtraPairs
-from dispatcher.operations.paths import MAX_FIBERS, nanoseconds, path_of
+from dispatcher.operations import weak_light
+from dispatcher.operations.paths import MAX_FIBERS, meets, nanoseconds, path_of
 from dispatcher.photon_random import PhotonRandom
+from dispatcher.refusal import Refusal
 from dispatcher.sabot.kraus import Operators
 from dispatcher.sabot.registers import Mask, everything
-from dispatcher.switch.optical_switch import Light, OpticalSwitch, Passed
+from dispatcher.switch.optical_switch import Light, OpticalSwitch, Passed, Through
 from wire.config import FiberEnd
 
 Noise = NDArray[np.uint8] | None  # photons that are noise in each pulse, shape (k,)
@@ -107,7 +107,7 @@ class Flight:
         return self._queue[0][0] if self._queue else math.inf
 
     def launch(self, end: FiberEnd) -> None:
-        members = everything(self._departure.pattern.photons)
+        members = _every_pulse(self._block)
         self._enter(end, Beam(self._block, members, self._block.fibers_passed))
 
     @property
@@ -124,7 +124,7 @@ class Flight:
         """Let other channels know of light that leaves a port, on the way that it has just now."""
         if not self._layer.network.has_crosstalk:
             return
-        frequency_mhz, photons = self._departure.frequency_mhz, self._block.register.remaining
+        frequency_mhz, photons = self._departure.frequency_mhz, self._block.remaining
         share = photons / self._departure.pattern.photons
         for step in path_of(self._layer, end, frequency_mhz):
             if step.line.traffic is not None:
@@ -200,12 +200,19 @@ class Flight:
 
     def _cross(self, beam: Beam, switch: OpticalSwitch, in_port: int) -> None:
         block = beam.block
-        photons = block.register.present
         if beam.fibers_passed >= MAX_FIBERS:
-            switch.lose(in_port, int(np.count_nonzero(photons)))
+            switch.lose(in_port, block.remaining)
             self._absorb(beam)
             return
         schedule = self._departure.after(beam.delay_ps)
+        if block.weak is not None:
+            through = switch.through(in_port, schedule, self._departure.frequency_mhz)
+            if through is not None:
+                self._go_through(beam, switch, in_port, through)
+                return
+            if not self._draw_for(beam, f"paths in {switch.name}"):
+                return
+        photons = block.register.present
         others = _others(block)
         light = Light(beam.members, photons, schedule, self._departure.frequency_mhz, others)
         random = self._chance(f"switch {beam.fibers_passed}")
@@ -234,6 +241,36 @@ class Flight:
                 beam, block=leaving, members=members, rotation=beam.rotation ^ rotation, turn=turn
             )
             self._enter(FiberEnd(switch.name, str(out_port)), onward)
+
+    def _go_through(
+        self, beam: Beam, switch: OpticalSwitch, in_port: int, through: Through
+    ) -> None:
+        """Let weak pulses take the one path of a switch."""
+        light, out_port = beam.block.weak, through.interval.out_port
+        assert light is not None
+        came, place = light.expected, f"switch {beam.fibers_passed}"
+        rotation = switch.rotation(in_port, out_port)
+        self.lost += weak_light.cross(light, through, self._chance(place), rotation)
+        switch.count_passed(in_port, through, came, light.expected)
+        self._enter(FiberEnd(switch.name, str(out_port)), beam)
+
+    def _draw_for(self, beam: Beam, obstacle: str) -> bool:
+        """Draw the photons of weak pulses if something on their way needs it.
+
+        Return whether there was room; if not the light ends here, and the event log says so.
+        """
+        block = beam.block
+        if obstacle and block.weak is not None:
+            light = block.weak
+            try:
+                weak_light.draw(self._layer, obstacle, block)
+            except Refusal as refusal:
+                self.lost += light.expected
+                light.transmission, light.expected = 0.0, 0
+                self._layer.record("", "dark", block, detail=f"{obstacle}: {refusal}")
+                return False
+            beam.members = _every_pulse(block)
+        return True
 
     def _part(self, block: Block, passed: Passed, noise: Noise) -> Block:
         layer, size = self._layer, _size_of_extra_pairs(block)
@@ -270,13 +307,18 @@ class Flight:
         schedule = self._departure.after(beam.delay_ps)
         width_rad_per_s = angular_width(block.pulses.bandwidth_nm)
         beam.dispersion_ps_per_nm += line.fiber.dispersion_ps_per_nm
-        for name, model in line.noise.items():
-            encoding = block.pulses.encoding
-            if not meets(encoding, model):
-                continue
+        encoding = block.pulses.encoding
+        models = {name: each for name, each in line.noise.items() if meets(encoding, each)}
+        if not self._draw_for(beam, weak_light.obstacle(models.values())):
+            return
+        for name, model in models.items():
             history = self._layer.history.of_model(line.near.node, line.near.port, name)
             place = block.draws_for(f"fiber {beam.fibers_passed} {name}")
             draws = self._layer.draws
+            if block.weak is not None:
+                random = PhotonRandom(draws, block.name, place, block.size)
+                self.lost += weak_light.meet(block.weak, model, random)
+                continue
             passage = Passage(draws, block.name, place, schedule, history, width_rad_per_s)
             effect, of_extra_pairs = _effects(encoding, model, passage, block.extra_pairs)
             where = f"in the fibre to {line.far.port} of {line.far.node}"
@@ -307,6 +349,8 @@ class Flight:
         return PhotonRandom(self._layer.draws, block.name, block.draws_for(place), photons)
 
     def _absorb(self, beam: Beam) -> None:
+        if beam.block.weak is not None:
+            self.lost += beam.block.weak.expected
         self._lose(beam.block, beam.members, "nowhere to go")
         extra_pairs.darken(self._layer.sabot, beam.block, beam.members)
         self.ended.append(beam.block)
@@ -317,8 +361,17 @@ class Flight:
             self.lost += self._layer.sabot.lose(block.register, photons)
 
 
+def _every_pulse(block: Block) -> Mask:
+    return everything(block.register.size)
+
+
 def _is_lit(beam: Beam) -> bool:
-    return bool(np.count_nonzero(extra_pairs.lit(beam.block)))
+    light = beam.block.weak
+    return (
+        light.transmission > 0
+        if light is not None
+        else bool(np.count_nonzero(extra_pairs.lit(beam.block)))
+    )
 
 
 def _size_of_extra_pairs(block: Block) -> int:
@@ -362,9 +415,3 @@ def _effects(
     if effect.transmission < 1:
         lost = beside.happens("lost", 1 - effect.transmission)
     return effect, Effect(lost=lost, paulis=paulis)
-
-
-def meets(encoding: str, model: NoiseModel) -> bool:
-    if isinstance(model, ClassicalLight):
-        return not model.dark
-    return encoding == "time-bin" or not isinstance(model, PhaseDrift)

@@ -20,7 +20,7 @@ from dispatcher.approximations import EXACT, UNLIKE_LIGHT, Approximations, appro
 from dispatcher.layer import cutoff, drift, extra_pairs, herald, pulses
 from dispatcher.layer.layer import PhysicalLayer, block_name
 from dispatcher.layer.ownership import Block, BlockName
-from dispatcher.operations import limits
+from dispatcher.operations import limits, weak_light
 from dispatcher.refusal import Refusal, exhausted, invalid
 from dispatcher.sabot.limits import positions as checked_positions
 from dispatcher.sabot.limits import require_count
@@ -77,7 +77,7 @@ class Gathering:
             name = block_name(pick.block)
             if name in picked:
                 raise invalid(f"{name} is picked from twice; pick all of it at once")
-            block = self._layer.ownership.require(name, node)
+            block = weak_light.require(self._layer, name, node)
             field = f"photons of {name}"
             positions = checked_positions(field, pick.photons, block.register.size)
             picked[name] = Picked(block, positions)

@@ -14,9 +14,11 @@ from dispatcher.fiber.turn import alignment
 from dispatcher.layer import device_noise, drift, extra_pairs, pulses
 from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import Block, Pulses
-from dispatcher.operations import imperfections, limits
+from dispatcher.layer.weak_pulses import WeakPulses
+from dispatcher.operations import imperfections, limits, weak_light
 from dispatcher.operations.blocks import require_pairs
 from dispatcher.operations.interference import Interference
+from dispatcher.operations.weak_light import train
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.capacity import DIAGONAL, GateStep
@@ -42,8 +44,11 @@ class Measurements:
         block = layer.ownership.require(block_name(request.block), node)
         hardware.require(layer.devices, node, MEASURE)
         hardware.require_encoding(layer.devices, node, block.pulses.encoding)
-        size = block.register.size
-        values = limits.bases(request, size)
+        values = limits.bases(request, block.size)
+        if block.weak is not None:
+            if (obstacle := self._obstacle(block, values)) is None:
+                return self._measure_weak(block, block.weak, values, request.packed)
+            weak_light.draw(layer, obstacle, block)
         self._require_capacity(block, values)
         done_ns = layer.clock.now_ns()  # however long it takes to simulate
         layer.take_up(block)
@@ -60,16 +65,52 @@ class Measurements:
         place = block.draws_for(f"detectors of {node}")
         detection = clicks(layer, block, train(block), place, bits, more)
         outcomes, wrong = imperfections.misread(layer, block, detection.bits, "measure")
-        feedback.exact = layer.count_exact((block,))
         outcomes = device_noise.reported(outcomes, effect)
         incidents = detection.incidents() | ({"misread": wrong} if wrong else {})
-        detail = f"{tally(values, BASES)}: {tally(outcomes, ('0', '1'))}" + listed(incidents)
-        each = partial(basis_and_outcome, values, outcomes)
-        layer.record(node, "measure", block, detail=detail, each=each)
+        self._report(block, feedback, values, outcomes, incidents)
         feedback.clicks = detection.clicks
         _tell_bits(feedback, outcomes, request.packed)
         seconds = layer.devices.of(node).gates.readout_s if block.kept else 0.0
         return imperfections.lasts(feedback, seconds)
+
+    def _measure_weak(
+        self, block: Block, light: WeakPulses, values: Bytes, packed: bool
+    ) -> Feedback:
+        """Measure and use up weak pulses, of which only those are simulated that may click."""
+        layer = self._layer
+        feedback = layer.feedback(block)
+        place = block.draws_for(f"detectors of {block.node}")
+        slots, detection = weak_light.detect(layer, block, light, place, values)
+        layer.ownership.remove(block)
+        bits, wrong = imperfections.misread(layer, block, detection.bits, "measure")
+        outcomes = np.full(light.count, NO_CLICK, np.uint8)
+        outcomes[slots] = bits
+        incidents = detection.incidents() | ({"misread": wrong} if wrong else {})
+        self._report(block, feedback, values, outcomes, incidents)
+        feedback.clicks = detection.clicks
+        _tell_bits(feedback, outcomes, packed)
+        return feedback
+
+    def _obstacle(self, block: Block, values: Bytes) -> str | None:
+        """Return what weak pulses have to be drawn for before a measurement; None: nothing."""
+        layer = self._layer
+        if layer.devices.noise(block.node, "detectors") is not None:
+            return "noise of detectors"
+        return layer.waits(block)
+
+    def _report(
+        self,
+        block: Block,
+        feedback: Feedback,
+        values: Bytes,
+        outcomes: Bytes,
+        incidents: dict[str, int],
+    ) -> None:
+        layer = self._layer
+        feedback.exact = layer.count_exact((block,))
+        detail = f"{tally(values, BASES)}: {tally(outcomes, ('0', '1'))}" + listed(incidents)
+        each = partial(basis_and_outcome, values, outcomes)
+        layer.record(block.node, "measure", block, detail=detail, each=each)
 
     def _require_capacity(self, block: Block, values: Bytes) -> None:
         """Refuse bases between those of Pauli operators that the backend cannot hold."""
@@ -92,6 +133,7 @@ class Measurements:
     ) -> Feedback:
         """Do what `bell_measure` does with two blocks that are at the node."""
         layer = self._layer
+        weak_light.draw(layer, "a Bell measurement", first, second)
         self._take_up(node, first, second)
         feedback = layer.feedback(first, second)
         feedback.first_ns = min(first.first_ns, second.first_ns)
@@ -294,10 +336,6 @@ def basis_and_outcome(bases: Bytes, outcomes: Bytes, position: int) -> str:
     return f"{BASES[bases[position]]} {outcome(outcomes, ('0', '1'), position)}"
 
 
-def train(block: Block) -> Train:
-    return Train(block.start_ns, block.interval_ns, block.register.size)
-
-
 def clicks(
     layer: PhysicalLayer, light: Block, when: Train, place: str, bits: Bytes, more: ExtraBits | None
 ) -> Detection:
@@ -309,7 +347,7 @@ def clicks(
         when,
         random,
         more,
-        late_ps=pulses.late_ps(light.pulses, bits.size, random),
+        late_ps=pulses.late_ps(light.pulses, random),
         timed=True,
     )
 

@@ -5,7 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dispatcher.fiber.noise import Loss
+from dispatcher.fiber.classical_light import ClassicalLight
+from dispatcher.fiber.fluctuations import PhaseDrift
+from dispatcher.fiber.noise import Loss, NoiseModel
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
 from dispatcher.switch.optical_switch import OpticalSwitch
@@ -45,7 +47,7 @@ def path_of(layer: PhysicalLayer, start: FiberEnd, frequency_mhz: int) -> Iterat
         delay_ps += line.delay_ps
         for model in line.noise.values():
             if isinstance(model, Loss):
-                transmission *= 10 ** (-model.loss_db / 10)
+                transmission *= model.transmission
         crossing, end = None, None
         switch = layer.network.switches.get(line.far.node)
         in_port = int(line.far.port) if switch is not None else 0
@@ -56,3 +58,9 @@ def path_of(layer: PhysicalLayer, start: FiberEnd, frequency_mhz: int) -> Iterat
         yield Step(line, delay_ps, transmission, crossing)
         if crossing is not None:
             transmission = crossing.transmission
+
+
+def meets(encoding: str, model: NoiseModel) -> bool:
+    if isinstance(model, ClassicalLight):
+        return not model.dark
+    return encoding == "time-bin" or not isinstance(model, PhaseDrift)

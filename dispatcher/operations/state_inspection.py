@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dispatcher.layer import drift, extra_pairs
 from dispatcher.layer.layer import PhysicalLayer, block_name
+from dispatcher.operations import weak_light
 from dispatcher.refusal import exhausted, invalid, precondition
 from dispatcher.sabot.capacity import GateStep
 from dispatcher.sabot.dense import Dense
@@ -22,7 +23,7 @@ from wire.dispatcher_pb2 import Feedback, LookReply, LookRequest, SenseRequest, 
 
 
 def sense(layer: PhysicalLayer, node: str, request: SenseRequest) -> Feedback:
-    block = layer.ownership.require(block_name(request.block), node)
+    block = weak_light.require(layer, block_name(request.block), node)
     phase_rad = layer.devices.of(node).sensor.phase_rad
     layer.sabot.require_capacity(block.register, [GateStep("RZ", angle_rad=phase_rad)])
     layer.take_up(block)
@@ -43,7 +44,7 @@ MOST = 4000  # characters
 
 def look(layer: PhysicalLayer, node: str, request: LookRequest) -> LookReply:
     """Return the density matrix of a qubit, perhaps with all that it is entangled with."""
-    block = layer.ownership.require(block_name(request.block), node)
+    block = weak_light.require(layer, block_name(request.block), node)
     if block.register.size != 1 or not block.register.remaining:
         raise invalid(f"{block.name} is not one qubit; gather one, and look at that")
     if layer.memories.holds(block):

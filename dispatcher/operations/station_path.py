@@ -20,8 +20,7 @@ from dispatcher.fiber.turn import Turn
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
 from dispatcher.layer.ownership import BlockName
-from dispatcher.operations.flight import meets
-from dispatcher.operations.paths import Crossing, Step, nanoseconds, path_of
+from dispatcher.operations.paths import Crossing, Step, meets, nanoseconds, path_of
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import precondition
 from dispatcher.sabot.registers import Mask

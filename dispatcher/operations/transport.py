@@ -11,7 +11,7 @@ from dispatcher.fiber.noise import Pattern
 from dispatcher.layer import cutoff, drift, extra_pairs, pulses
 from dispatcher.layer.layer import PhysicalLayer, block_name
 from dispatcher.layer.ownership import Block, BlockName
-from dispatcher.operations import limits
+from dispatcher.operations import limits, weak_light
 from dispatcher.operations.flight import Arrival, Departure, Flight
 from dispatcher.refusal import Refusal, invalid
 from wire.config import FiberEnd
@@ -51,12 +51,14 @@ class Transport:
             raise invalid("a block is launched twice; name each block once")
         blocks = [layer.ownership.require(name, node) for name, _port in launches]
         ends = [layer.network.require_port(node, port) for _name, port in launches]
-        sizes = [block.register.size for block in blocks]
+        sizes = [block.size for block in blocks]
         limits.require_rate(rate_hz, max(sizes))
         for block in blocks:
             limits.require_source_rate(block, rate_hz)
         if not all(block.fibers_passed for block in blocks):  # light that begins here
             hardware.require(layer.devices, node, EMIT)
+        for block, end in zip(blocks, ends, strict=True):
+            weak_light.prepare(layer, block, end, frequency_mhz)
         layer.take_up(*blocks, made=True)
         start_ns = layer.clock.now_ns()
         # Halves of a block share a pattern, whose times are computed once.
@@ -177,8 +179,10 @@ class Transport:
         block.path_ps += arrival.path_ps
         block.pulses.dispersion_ps_per_nm += arrival.dispersion_ps_per_nm
         block.start_ns = arrival.schedule.first_ns
-        lit = extra_pairs.lit(block)
-        first, last = int(lit.argmax()), lit.size - 1 - int(lit[::-1].argmax())
+        first, last = 0, block.size - 1
+        if block.weak is None:
+            lit = extra_pairs.lit(block)
+            first, last = int(lit.argmax()), lit.size - 1 - int(lit[::-1].argmax())
         block.first_ns = arrival.schedule.time_ns(first)
         block.last_ns = arrival.schedule.time_ns(last)
         end = arrival.end
@@ -203,6 +207,7 @@ class Transport:
             layer.record(node, "discard", block, port, f"{there.maker} has made it")
             layer.drop(block)
             return
+        weak_light.draw(layer, "light of several paths", there, block)
         layer.recall(there)
         for part in (there, block):
             drift.twirl_turn(part, layer.sabot, layer.draws)

@@ -98,9 +98,12 @@ class Draws:
 
     def generator(self, key: Key, purpose: str) -> np.random.Generator:
         """Return a counter-based generator (Philox, Salmon et al. 2011) for the purpose."""
-        identity = repr((self._seed, *key, purpose)).encode()
-        digest = blake2b(identity, digest_size=16).digest()
-        return np.random.Generator(np.random.Philox(_Key(digest)))  # type: ignore[arg-type]
+        digest = _Key(self.digest(key, purpose))
+        return np.random.Generator(np.random.Philox(digest))  # type: ignore[arg-type]
+
+    def digest(self, key: Key, purpose: str) -> bytes:
+        """Return the key of a purpose's random numbers, 16 bytes."""
+        return blake2b(repr((self._seed, *key, purpose)).encode(), digest_size=16).digest()
 
 
 class _Key(np.random.bit_generator.ISeedSequence):

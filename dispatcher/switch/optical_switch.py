@@ -53,6 +53,14 @@ class Passed(NamedTuple):
     others: Mask  # which photons beside the own ones took this path, shape (m,); all pass so far
 
 
+class Through(NamedTuple):
+    """The one path that light has taken, and how likely each photon came through."""
+
+    interval: Interval
+    transmission: float
+    last_ns: int
+
+
 class Channel(NamedTuple):
     """The grid of a multiplexer: the middle of its channel, and how far the next one is."""
 
@@ -143,6 +151,30 @@ class OpticalSwitch:
             passed[out_port] = Passed(pulses, photons, transmission, rest)
         self._count(in_port, light, passed, met)
         return passed
+
+    def through(self, in_port: int, times_ns: Times, frequency_mhz: int) -> Through | None:
+        """Return the path that all light takes at these times; None if it comes apart."""
+        met = list(self.timeline.passages(in_port, times_ns))
+        if self.config.crosstalk_db is not None or len(met) != 1:
+            return None
+        ((part, interval),) = met
+        port, out = self.ports[in_port], self.ports[interval.out_port]
+        first_ns, last_ns = times_ns[0], times_ns[-1]
+        changing = port.rx_mhz, out.tx_mhz, out.power_dbm, self._hot
+        if part.stop - part.start < len(times_ns) or any(
+            each.lowest(first_ns, last_ns) < each.highest(first_ns, last_ns) for each in changing
+        ):
+            return None
+        moment = np.array([first_ns])
+        through = self.transmission(in_port, interval.out_port, moment, frequency_mhz)
+        return Through(interval, float(through[0]), last_ns)
+
+    def count_passed(self, in_port: int, through: Through, came: int, left: int) -> None:
+        """Count light that has taken a path all the while."""
+        self.lose(in_port, came - left)
+        self.ports[in_port].photons_in += left
+        self.ports[through.interval.out_port].photons_out += left
+        through.interval.circuit.count_light(left, through.last_ns)
 
     def transmission(
         self, in_port: int, out_port: int, times_ns: Times, frequency_mhz: int

@@ -38,12 +38,16 @@ class Circuit:
     photons: int = 0
     closed_ns: int = NEVER_NS
 
+    def count_light(self, photons: int, last_ns: int) -> None:
+        """Count photons of light whose last pulse passed then."""
+        self.photons += photons
+        self.last_ns = max(self.last_ns, last_ns)
+
     def count(self, passed: NDArray[np.bool_], times_ns: Times, first: int = 0) -> None:
         photons = int(np.count_nonzero(passed))
         if photons:
-            self.photons += photons
             last = first + len(passed) - 1 - int(passed[::-1].argmax())
-            self.last_ns = max(self.last_ns, int(times_ns[last]))
+            self.count_light(photons, int(times_ns[last]))
 
 
 @dataclass
@@ -242,5 +246,11 @@ class Steps:
         return np.array(self._values)[steps]
 
     def highest(self, first_ns: int, last_ns: int) -> float:
+        return max(self._between(first_ns, last_ns))
+
+    def lowest(self, first_ns: int, last_ns: int) -> float:
+        return min(self._between(first_ns, last_ns))
+
+    def _between(self, first_ns: int, last_ns: int) -> list[float]:
         first, last = (bisect_right(self._since_ns, time_ns) - 1 for time_ns in (first_ns, last_ns))
-        return max(self._values[first : last + 1])
+        return self._values[first : last + 1]

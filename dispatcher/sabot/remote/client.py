@@ -269,7 +269,7 @@ def _needs_vectors(step: GateStep) -> bool:
 
 def _draws(draws: PhotonDraws) -> messages.Draws:
     if draws.name is None:
-        raise ValueError("only random numbers that Draws.photons has named can go to a server")
+        return messages.Draws(bits=draws.bits().tobytes(), fractions=draws.fractions())
     session, number, half = draws.name.key
     return messages.Draws(
         seed=str(draws.name.seed),

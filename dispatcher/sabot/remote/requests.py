@@ -121,6 +121,8 @@ def paulis(values: bytes, register: Register) -> Bytes | None:
 
 
 def draws(named: messages.Draws, register: Register) -> PhotonDraws:
+    if named.bits:
+        return _given(named, register.size)
     if not SEED.fullmatch(named.seed):
         seed = named.seed[:MAX_PURPOSE]
         raise invalid(f"seed {seed!r} is not a whole number of up to 100 digits")
@@ -128,6 +130,13 @@ def draws(named: messages.Draws, register: Register) -> PhotonDraws:
         raise invalid(f"a purpose of {len(named.purpose)} letters; use at most {MAX_PURPOSE}")
     key = (named.session, named.number, named.half)
     return Draws(int(named.seed)).photons(key, named.purpose, register.size)
+
+
+def _given(numbers: messages.Draws, count: int) -> PhotonDraws:
+    bits, fractions = limits.packed("bits", numbers.bits, count, 1), np.array(numbers.fractions)
+    if fractions.size != count or not ((fractions >= 0) & (fractions < 1)).all():
+        raise invalid(f"{fractions.size} fractions for {count} qubits; send one from 0 to 1 each")
+    return PhotonDraws(bits.copy, lambda: fractions)
 
 
 def steps(

@@ -1,0 +1,162 @@
+"""Pulses of a laser whose photons are drawn only when something looks at them.
+
+Each photon has one number for its fate, uniform in [0, 1): it comes through what lets a share T of
+the light pass if its fate is below T, so losses multiply T and cost nothing. The photons of a block
+are drawn in layers of fates, [1/2, 1), [1/4, 1/2), ..., each from a stream of its own; a detector
+behind 30 dB draws the layers below 1/1024 alone. Photons in a layer are a Poisson process over
+the pulses, independent of other layers (Kingman, Poisson Processes, chapter 2).
+
+All else that a photon meets is keyed by its pulse and its fate, whichever others are drawn.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.photon_random import PhotonRandom, PhotonsByKey
+from dispatcher.sabot.backend import Bytes
+from dispatcher.sabot.draws import PhotonDraws
+from wire.keyed import identities
+
+LAYERS = 16  # in the last one are all fates below 2 ** -LAYERS
+
+Pulses = NDArray[np.int64]
+Noise = Callable[[PhotonRandom], Bytes]  # Paulis of some photons, by random numbers of each
+
+
+class Photons(NamedTuple):
+    """Some photons, by their pulses, ascending; both shape (m,)."""
+
+    pulses: Pulses
+    fates: NDArray[np.float64]
+
+    def chosen(self, mask: NDArray[np.bool_]) -> "Photons":
+        return Photons(self.pulses[mask], self.fates[mask])
+
+
+class PulseChoices(NamedTuple):
+    """The states that a host has chosen for pulses, and their levels of intensity."""
+
+    states: Bytes
+    levels: Bytes | None
+
+    def states_of(self, pulses: Pulses) -> Bytes:
+        return self.states[pulses]
+
+    @property
+    def places(self) -> int:
+        """How many of them are kept."""
+        return self.states.size
+
+    def levels_of(self, pulses: Pulses) -> Bytes | None:
+        return None if self.levels is None else self.levels[pulses]
+
+
+@dataclass(eq=False, slots=True)
+class WeakPulses:
+    """A block of pulses on its way: its light is all that has happened to it so far."""
+
+    count: int
+    mean: float  # photons of a pulse of the highest intensity
+    shares: NDArray[np.float64]  # of that, by level
+    choices: PulseChoices
+    random: PhotonRandom  # of the source
+    jitter_ps: float = 0.0
+    transmission: float = 1.0
+    expected: int = 0  # photons that are left, drawn for the counters on the way alone
+    of_pulses: list[tuple[PhotonRandom, Noise]] = field(default_factory=list)
+    of_photons: list[tuple[PhotonRandom, Noise]] = field(default_factory=list)
+
+    def pass_on(self, transmission: float, random: PhotonRandom, purpose: str) -> int:
+        """Let so much of the light through; return how many photons are lost, to be counted."""
+        self.transmission *= transmission
+        left = int(random.generator(f"{purpose} count").binomial(self.expected, transmission))
+        lost, self.expected = self.expected - left, left
+        return lost
+
+    def photons(self, share: float = 1.0) -> Photons:
+        """Draw the photons that have come so far, of which such a share may be seen."""
+        drawn = self._below(self.transmission * share)
+        return drawn.chosen(drawn.fates < share * self.thresholds(drawn))
+
+    def thresholds(self, photons: Photons) -> NDArray[np.float64]:
+        """Return below which fate each photon has come so far, shape (m,)."""
+        levels = self.choices.levels_of(photons.pulses)
+        shares = np.ones(photons.pulses.size) if levels is None else self.shares[levels]
+        return self.transmission * shares
+
+    def paulis(self, photons: Photons) -> Bytes:
+        """Return all that noise has done to photons so far: 0 I, 1 X, 2 Z, 3 XZ; shape (m,)."""
+        paulis = np.zeros(photons.pulses.size, np.uint8)
+        for keys, noises in (
+            (photons.pulses, self.of_pulses),
+            (identities(*photons), self.of_photons),
+        ):
+            for random, noise in noises:
+                paulis ^= noise(PhotonsByKey.of(random, keys))
+        return paulis
+
+    def delays_ps(self, pulses: Pulses) -> NDArray[np.float64] | None:
+        """Return how late pulses have left their source, shape (m,)."""
+        if not self.jitter_ps:
+            return None
+        return PhotonsByKey.of(self.random, pulses).normal("jitter") * self.jitter_ps
+
+    def draws(self, photons: Photons, random: PhotonRandom) -> PhotonDraws:
+        """Return what photons draw for a measurement."""
+        by_key = PhotonsByKey.of(random, identities(*photons))
+        return PhotonDraws(
+            lambda: (by_key.uniform("bit") < 0.5).astype(np.uint8),
+            lambda: by_key.uniform("fraction"),
+        )
+
+    def most_photons(self, share: float) -> float:
+        """Return how many photons `photons` has to draw, on average."""
+        return self.count * self.mean * 2.0 ** -_first_layer(self.transmission * share)
+
+    def _below(self, threshold: float) -> Photons:
+        """Draw all photons whose fate is below a threshold, by their pulses."""
+        layers = range(_first_layer(threshold), LAYERS + 1)
+        pulses, fates = zip(*map(self._layer, layers), strict=True)
+        every = Photons(np.concatenate(pulses), np.concatenate(fates))
+        below = every.chosen(every.fates < threshold)
+        order = np.argsort(below.pulses, kind="stable")
+        return Photons(below.pulses[order], below.fates[order])
+
+    def _layer(self, number: int) -> Photons:
+        most = 2.0**-number
+        least = 0.0 if number == LAYERS else most / 2
+        random = self.random.generator(f"photons {number}")
+        count = random.poisson(self.count * self.mean * (most - least))
+        pulses = np.sort(random.integers(0, self.count, count))
+        return Photons(pulses, least + random.random(count) * (most - least))
+
+
+def _first_layer(threshold: float) -> int:
+    """Return the first layer that has fates below a threshold."""
+    _mantissa, exponent = np.frexp(threshold)
+    return min(max(-int(exponent), 0), LAYERS) if threshold else LAYERS
+
+
+def first_of_each(pulses: Pulses) -> NDArray[np.bool_]:
+    """Return which photons are the first ones of their pulses, shape (m,)."""
+    first = np.ones(pulses.size, bool)
+    first[1:] = pulses[1:] != pulses[:-1]
+    return first
+
+
+def weak_pulses(
+    count: int, intensities: tuple[float, ...], choices: PulseChoices, random: PhotonRandom
+) -> WeakPulses:
+    mean = intensities[0]
+    shares = np.array(intensities) / mean if mean else np.ones(len(intensities))
+    light = WeakPulses(count, mean, shares, choices, random)
+    levels = choices.levels
+    share = 1.0
+    if levels is not None:
+        share = float(np.bincount(levels, minlength=shares.size) @ shares) / count
+    light.expected = int(random.generator("photons count").poisson(count * mean * share))
+    return light
