@@ -3,6 +3,7 @@
 import threading
 from pathlib import Path
 
+import pytest
 from conftest import wait_until
 from fabric_scene import Session, facts, light_paths, running, session
 
@@ -27,6 +28,7 @@ class TwoTriplesTopo(LeafSpineTopo):
             self.join(name, leaf, own)
 
 
+@pytest.mark.nightly
 def test_two_sessions_share_the_switches_and_no_path(tmp_path: Path) -> None:
     with (
         running(TwoTriplesTopo, tmp_path) as network,

@@ -42,7 +42,7 @@ def bridges() -> Iterator[dict[str, Wire]]:
         yield wires
 
 
-@pytest.fixture(params=["ryu", "os-ken"])
+@pytest.fixture(params=["ryu", pytest.param("os-ken", marks=pytest.mark.nightly)])
 def controller(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Controller]:
     with running(request.param, tmp_path) as program:
         yield program

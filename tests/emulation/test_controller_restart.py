@@ -124,6 +124,7 @@ def test_a_framed_session_outlives_the_controller_in_full_light(
             assert third.carry(LESS) == LESS
 
 
+@pytest.mark.nightly
 @RYU
 def test_light_over_several_switches_stays_where_it_is(tmp_path: Path, framework: str) -> None:
     with (
@@ -139,7 +140,7 @@ def test_light_over_several_switches_stays_where_it_is(tmp_path: Path, framework
         assert facts(network, "moved") == facts(network, "stranded") == []
 
 
-@pytest.mark.by_day(every=2)
+@pytest.mark.nightly
 @BOTH
 def test_a_per_pair_session_outlives_the_controller(tmp_path: Path, framework: str) -> None:
     with running(SdcTopo, tmp_path, controller=framework) as network:
@@ -179,6 +180,7 @@ def test_a_framed_session_outlives_an_agent_that_is_killed(tmp_path: Path, frame
         assert facts(network, "torn_down") == []
 
 
+@pytest.mark.nightly
 @RYU
 def test_between_two_sessions_a_controller_may_be_away(tmp_path: Path, framework: str) -> None:
     with running(SdcTopo, tmp_path, controller=framework) as network:

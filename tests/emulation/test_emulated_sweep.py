@@ -64,6 +64,7 @@ def test_a_network_for_each_point_measures_what_theory_says(two_points: Path) ->
     assert (two_points / "sdc-emulated-dibit_error.png").stat().st_size > 10_000
 
 
+@pytest.mark.nightly
 def test_networks_run_beside_each_other(two_points: Path) -> None:
     runs = list((two_points / "runs").glob("*-sdc*"))
     assert len(runs) == 2

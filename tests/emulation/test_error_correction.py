@@ -57,6 +57,7 @@ def test_a_noisy_network_delivers_by_an_interleaved_code(tmp_path: Path) -> None
     assert "golay, interleaved, rate 0.5" in done.stdout
 
 
+@pytest.mark.nightly
 def test_linear_optics_carries_eleven_bits_in_seven_pairs_and_codes_too(tmp_path: Path) -> None:
     data = bytes(range(220))
     with running(LinearTopo, tmp_path) as network:

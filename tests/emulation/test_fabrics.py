@@ -140,6 +140,7 @@ def test_a_session_outlives_the_agent_of_its_switch(tmp_path: Path, framework: s
         assert facts(network, "torn_down") == []
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("budget_db", "fits"), [(20.1, True), (19.9, False)])
 def test_the_loss_of_a_path_is_measured_and_kept_within_the_budget(
     tmp_path: Path, budget_db: float, fits: bool

@@ -160,6 +160,7 @@ def test_an_application_that_a_signal_strikes_in_mid_run_is_named(
     assert named[number] in output
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("name", ["alice", "s1"])
 def test_a_node_whose_shell_is_killed_is_named(tmp_path: Path, name: str) -> None:
     with long_run(tmp_path) as process:

@@ -33,6 +33,7 @@ def begun() -> bool:
     return bool(in_runs("*/dispatcher.json"))
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize(
     ("moment", "hangup", "status"),
     [

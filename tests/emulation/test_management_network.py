@@ -63,6 +63,7 @@ def test_paths_wait_for_the_way_to_the_controller_and_back(tmp_path: Path) -> No
     assert ready["setup_ms"] / 1e3 >= 2 * ONE_WAY_S
 
 
+@pytest.mark.nightly
 def test_a_session_opens_over_a_lossy_way_to_the_controller() -> None:
     """A tenth of the packets is lost, either way; TCP sends them again."""
     with start("sdc", control_loss=0.1) as network:

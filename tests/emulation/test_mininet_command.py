@@ -34,7 +34,7 @@ def test_all_hosts_reach_each_other() -> None:
     assert "0% dropped (12/12 received)" in mn("--test", "pingall")
 
 
-@pytest.mark.by_day(every=3)
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("file", "topo", "fibers"),
     [

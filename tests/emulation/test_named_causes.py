@@ -19,6 +19,7 @@ from topologies.system.processes.programs import python
 ON_SMALL_DISK = ("unshare", "--mount", "--propagation=private", "sh", "-c")
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.waits
 @pytest.mark.parametrize(
     ("strike", "cause"),

@@ -6,6 +6,7 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+import pytest
 from conftest import qmn, verb
 
 
@@ -58,6 +59,7 @@ def test_a_run_ends_with_a_report_of_both_layers(tmp_path: Path) -> None:
     assert (run / "report.html").read_text() == page
 
 
+@pytest.mark.nightly
 def test_a_ring_is_drawn_with_the_ways_that_light_took(tmp_path: Path) -> None:
     words = ["--length-km", "2", "--loss-db-per-km", "0.25", "--message", "around"]
     verb("run", "sdc", "--topology", "ring", "--runs", str(tmp_path), *words)

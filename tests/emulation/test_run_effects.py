@@ -79,7 +79,7 @@ EFFECTS: dict[str, tuple[list[str], float]] = {
 }
 
 
-@pytest.mark.by_day(every=5)
+@pytest.mark.by_day(every=10)
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_keys_have_the_errors_of_each_effect(tmp_path: Path, effect: str) -> None:
     words, qber = EFFECTS[effect]

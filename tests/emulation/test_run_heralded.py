@@ -41,6 +41,7 @@ def test_pairs_are_heralded_at_the_rate_of_round_trips_to_the_station(tmp_path: 
     require_estimate(asking, OF_A_LINK, 0.0)
 
 
+@pytest.mark.nightly
 def test_links_of_a_chain_are_heralded_by_stations_of_their_own(tmp_path: Path) -> None:
     hosts = emitters("alice", "r1", "bob")
     words = [*CHAIN, *hosts, "--length-km", "5"]

@@ -97,6 +97,7 @@ def test_several_pairs_keep_keys_and_sessions_come_back_after_a_cut(keys_network
     wait_until(lambda: store.mine >= HIGH, "alice has keys again")
 
 
+@pytest.mark.nightly
 def test_hosts_of_the_command_line_find_their_keys_with_certificates_that_were_given(
     tmp_path: Path,
 ) -> None:

@@ -3,6 +3,7 @@
 from math import sqrt
 from pathlib import Path
 
+import pytest
 from test_run_nodes import polarised, require_estimate, result_of
 
 GAMMA = 1 - sqrt(0.7)  # of a fibre: .3 of the two that each half passes
@@ -11,6 +12,7 @@ NOISE = ["--fiber", "noise=docs/noise-models/damping.py:Damping"]
 NOISE += ["--fiber", f'noise_parameters={{"gamma": {GAMMA}}}']
 
 
+@pytest.mark.nightly
 def test_pairs_are_damped_as_the_example_says(tmp_path: Path) -> None:
     """And not as the twirl into Paulis, which has another fidelity."""
     words = ["distribute", "--backend", "dense", *NOISE, "--rate-hz", "10000000"]

@@ -68,7 +68,7 @@ def test_light_is_handed_out_in_slots_and_none_is_given_too_late(tmp_path: Path)
     assert "Who waited for whom" in (tmp_path / "latest" / "report.html").read_text()
 
 
-@pytest.mark.by_day(every=5)
+@pytest.mark.nightly
 @pytest.mark.waits
 @pytest.mark.parametrize(
     ("service", "count", "parts"),

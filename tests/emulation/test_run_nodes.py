@@ -128,7 +128,7 @@ def test_ion_traps_teleport(tmp_path: Path) -> None:
     assert abs(alice["fidelity"] - expected) < 5 * sqrt(expected * (1 - expected) / 1000)
 
 
-@pytest.mark.by_day(every=2)
+@pytest.mark.nightly
 @pytest.mark.parametrize("mixed", [False, True])
 def test_an_ion_trap_is_the_repeater_of_its_like_and_of_photonic_hosts(
     tmp_path: Path, mixed: bool

@@ -145,6 +145,7 @@ def test_s_of_e91_is_that_of_the_pairs_and_of_too_small_a_one_no_key_comes(
     assert abs(float(found[1]) - s) < 5 * sqrt(16 * (1 - (s / 4) ** 2) / int(found[2]))
 
 
+@pytest.mark.nightly
 def test_a_relay_that_lies_is_seen_as_noise_and_brings_no_key(tmp_path: Path) -> None:
     """Psi- for Psi+, of 30 %: of these bits of X are wrong, which are half."""
     share = 0.3
@@ -209,6 +210,7 @@ def test_heralded_photons_come_as_their_pairs_and_unlike_detectors_tell_fewer_on
     assert told["qber"] == 0
 
 
+@pytest.mark.nightly
 def test_if_eve_measures_everything_the_key_is_refused(tmp_path: Path) -> None:
     keys = tmp_path / "keys"
     done, result = run_qkd(tmp_path, "--eve", "1", "--count", "20000", "--keys", str(keys))
@@ -248,6 +250,7 @@ def test_who_splits_photon_numbers_is_not_seen_and_leaves_no_key(tmp_path: Path)
     assert (eve["expected_db"], eve["onward_db"]) == (hides_db, 0.0)
 
 
+@pytest.mark.nightly
 def test_decoys_find_who_splits_photon_numbers(tmp_path: Path) -> None:
     """At 4 dB of single photons is .689 of the bits at least, and .533 with her (1311.7129)."""
     source = (*LASER, "--device", "alice.source.decoys=[0.1, 0.0]", "--bound", "asymptotic")

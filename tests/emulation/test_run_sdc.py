@@ -150,6 +150,7 @@ def test_a_binary_file_of_many_blocks_arrives(tmp_path: Path) -> None:
     assert [whole for whole, captured in lengths if captured < whole] == []
 
 
+@pytest.mark.nightly
 def test_an_empty_file_arrives(tmp_path: Path) -> None:
     file = tmp_path / "empty"
     file.touch()
@@ -158,6 +159,7 @@ def test_an_empty_file_arrives(tmp_path: Path) -> None:
     assert (tmp_path / "latest" / "received").read_bytes() == b""
 
 
+@pytest.mark.nightly
 def test_a_message_tells_how_long_it_took_in_the_network(tmp_path: Path) -> None:
     """200 pairs of a source of 1000 a second: a fifth of a second, which takes four here."""
     message, scale, since_s = "x" * 50, 20, time.monotonic()
@@ -200,6 +202,7 @@ def test_detectors_lose_pairs_and_a_source_of_many_pairs_is_not_exact(tmp_path: 
     assert "double=" in events
 
 
+@pytest.mark.nightly
 def test_a_noise_model_of_the_user_s_own_acts_on_every_fibre(tmp_path: Path) -> None:
     noise = f"noise={ROOT / 'examples' / 'flicker.py'}:Flicker"
     parameters = 'noise_parameters={"flip": 0.005, "switched": 0}'
@@ -213,6 +216,7 @@ def test_a_noise_model_of_the_user_s_own_acts_on_every_fibre(tmp_path: Path) -> 
     assert result["every_fiber"]["noise_parameters"] == {"flip": 0.005, "switched": 0}
 
 
+@pytest.mark.nightly
 def test_a_noise_model_that_answers_nonsense_ends_the_run_and_is_named(tmp_path: Path) -> None:
     (tmp_path / "bad.py").write_text("class Bad:\n    def effect(self, passage): return 5\n")
     done = qmn("--fiber", f"noise={tmp_path / 'bad.py'}:Bad", runs=tmp_path)

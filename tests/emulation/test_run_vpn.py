@@ -390,6 +390,7 @@ def test_strongswan_begins_the_next_association_before_it_ends_the_last(tmp_path
     assert all(number < newest for number, newest in ended[:3])  # the last ends with the network
 
 
+@pytest.mark.nightly
 @IF_THERE
 def test_strongswan_uses_the_key_before_no_longer_than_its_lifetime(tmp_path: Path) -> None:
     """Where bob has not the next key: packets pass until the lifetime of theirs is over."""

@@ -69,6 +69,7 @@ def test_states_are_teleported(tmp_path: Path, controller: str) -> None:
         assert int(packet.replace(".", "")) <= done_ns
 
 
+@pytest.mark.nightly
 def test_any_state_is_teleported_on_dense(tmp_path: Path) -> None:
     words = ("teleport", "--backend", "dense", "--state", "haar", "--depolarizing", "0.02")
     told = run_service(tmp_path, *words)["job"]["asking"]

@@ -22,6 +22,7 @@ def ends(fiber: Fiber) -> list[FiberEnd]:
     return [fiber.b] if mine else []
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("framework", ["ryu", "os-ken"])
 def test_both_hosts_send_and_receive_at_once_each_way_in_a_channel(
     tmp_path: Path, framework: str
