@@ -66,7 +66,10 @@ def read_run(folder: Path) -> RunFacts:
         raise BadRun(f"{folder} is of `qmn cli` or a script: only `qmn run` has a report")
     if not result.hosts or result.hosts[0] not in network.addresses:
         raise BadRun(f"{folder / RESULT}: hosts {result.hosts} are not of its network")
-    drawn = [network, result.time_scale, result.settings.loss_budget_db]
+    # A memory of a switch may keep qubits for ever: that is not drawn.
+    losses = [[switch.insertion_loss_db, switch.paths] for switch in network.switches]
+    drawn: list[object] = [network.fibers, network.positions, losses]
+    drawn += [result.time_scale, result.settings.loss_budget_db]
     job = vars(result.job)
     if not all(map(isfinite, _floats([*drawn, job.get("moments"), job.get("load")]))):
         raise BadRun(f"{folder / RESULT}: a number to be drawn is infinite, or NaN")
