@@ -24,7 +24,7 @@ from views.report.light_paths import LightPath
 KEY_STEPS_INCHES = 1.1
 MAX_BINS = 60
 MAX_RATIO = 50  # of counts on one scale
-SYMBOLS = {3: "012", 4: ("00", "01", "10", "11")}  # three states carry no whole bits
+SYMBOLS = {3: "012", 4: ("00 Φ+", "01 Ψ+", "10 Φ-", "11 Ψ-")}  # three states carry no whole bits
 
 
 @drawing.styled

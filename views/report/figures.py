@@ -8,6 +8,8 @@ from qmn.requests.service import ServiceRequest
 from qmn.results.fiber_use import fiber_use
 from qmn.results.timeline import TIMELINE
 from views.report import charts, error_counts
+from views.report.bloch_diagram import bloch_diagram
+from views.report.chain_diagram import MOST_NODES, chain_diagram, chain_of
 from views.report.drawing import variable
 from views.report.handshake_diagram import handshake_diagram
 from views.report.key_timeline import key_timeline
@@ -20,8 +22,8 @@ from views.report.run_facts import RunFacts
 from views.report.sequence import handshake, lanes
 from views.report.waits_diagram import MOST_HOSTS, waits_diagram
 from wire.metadata.vocabulary import SYMBOLS
-from wire.results.figures import KeyFigures, SentFigures
-from wire.results.run_result import KeysJob, LoadJob
+from wire.results.figures import KeyFigures, PairFigures, SentFigures, TeleportFigures
+from wire.results.run_result import KeysJob, LoadJob, ServiceJob
 from wire.results.time_series import KeyMoment
 
 MOST_NAMED = 12  # light paths, also in the figure of their losses
@@ -161,17 +163,33 @@ def key_distribution_figures(run: RunFacts) -> Iterator[str]:
         yield figure("From photons to key", charts.key_steps(steps), text)
 
 
+def pictures_of_states(run: RunFacts) -> Iterator[str]:
+    """Yield the picture of states that were teleported, or of the chain of a swapped pair."""
+    job = run.result.job
+    asked = job.asked if isinstance(job, ServiceJob) else None
+    if isinstance(asked, TeleportFigures) and asked.of_states:
+        text = "Dotted: the six states as sent. Arrows: as they arrived, with 95 % intervals: of "
+        text += "fidelity F the part 2F - 1 is left along the direction in which it was measured."
+        drawn = bloch_diagram(asked.of_states)
+        yield figure("States before and after, in the Bloch sphere", drawn, text)
+    if isinstance(asked, PairFigures):
+        nodes, ages = chain_of(run.events, run.result.hosts[0])
+        if 2 < len(nodes) <= MOST_NODES:
+            text = "How long the oldest qubit that was used at each node had waited in its memory."
+            yield figure("The chain, and the ages of its qubits", chain_diagram(nodes, ages), text)
+
+
 def chart_figures(run: RunFacts, paths: Sequence[LightPath]) -> Iterator[str]:
     """Yield the charts; those of symbols for superdense coding alone."""
     if run.result.message is not None:
-        yield _rate(run)
-        yield _errors(run)
         sent = run.result.asking
         bell_states = sent.symbols if isinstance(sent, SentFigures) else 0
         yield _confusion(run, bell_states if bell_states in SYMBOLS else max(SYMBOLS))
+        yield _rate(run)
+        yield _errors(run)
     if not paths or any(path.loss_db for path in paths):
         yield _losses(run, paths)
-    if len(run.setup_ms) != 1:
+    if len(set(run.setup_ms)) != 1:
         yield _setup_times(run)
 
 
@@ -196,12 +214,14 @@ def _errors(run: RunFacts) -> str:
     )
     if found is None:
         return missing(title, "the sender reported nothing.")
+    if not any(values[-1] for values in found.counts.values()):
+        return ""  # the sentence of the run says so
     text = f"{found.whence}; in the end: {found.last}."
     return figure(title, charts.errors(found.seconds, found.counts), text)
 
 
 def _confusion(run: RunFacts, bell_states: int) -> str:
-    title, counts = "Symbols sent and received", run.confusion
+    title, counts = "Bell states sent and received", run.confusion
     if counts is None:
         return missing(
             title, "the receiver reports it at the end, which the transfer did not reach."

@@ -13,6 +13,7 @@ from views.report.sequence import Step
 COLOURS = {layers.METADATA: METADATA, layers.OPENFLOW: OPENFLOW, layers.QUANTUM: QUANTUM}
 ROW_INCHES, LANE_INCHES, TIMES_INCHES, HEAD_INCHES = 0.24, 1.75, 0.75, 0.45
 LETTER_INCHES = 0.06
+SHORT_NS = 1_000_000  # below, times are in microseconds
 Place = tuple[float, float]
 
 
@@ -29,8 +30,9 @@ def handshake_diagram(steps: Sequence[Step], names: Sequence[str]) -> str:
         axes.plot([x, x], [HEAD_INCHES, height], color=GRID, linewidth=1.2)
         axes.text(x, HEAD_INCHES / 2, name, ha="center", va="center", weight="bold", fontsize=11)
     origin = moments[0][0]
+    unit_ns, unit = (1e6, "ms") if moments[-1][0] - origin >= SHORT_NS else (1e3, "µs")
     for moment, row in rows.items():
-        text = f"{(moment[0] - origin) / 1e6:.3f} ms"
+        text = f"{(moment[0] - origin) / unit_ns:.3f} {unit}"
         y = _height(row)
         axes.text(TIMES_INCHES, y, text, ha="right", va="center", color=MUTED, fontsize=8)
     for number, step in enumerate(steps):

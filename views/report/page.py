@@ -7,9 +7,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from hosts.middleware.services.key_distribution.options import KeyOptions
 from qmn.printable_text import printable
-from qmn.requests.service import ServiceRequest
 from qmn.results.result import size_text
 from qmn.results.run_folder import REPORT
 from qmn.results.run_result import RunResult
@@ -18,11 +16,13 @@ from views.report import figures
 from views.report.first_photons import first_photons
 from views.report.light_paths import fiber_name, light_paths, photons_by_port
 from views.report.markup import table
+from views.report.programs import ladder, outputs
 from views.report.run_facts import RunFacts, read_run
+from views.report.sentences import sentence
 from views.titles import TITLES
 from wire.device import OF_LIGHT, setting_name
-from wire.results.figures import Figures, KeyFigures, SentFigures
-from wire.results.run_result import KeysJob, LoadJob
+from wire.results.figures import Figures, SentFigures
+from wire.results.run_result import KeysJob, LoadJob, NetqasmJob
 
 # Figures that the page begins with; the table below them has all.
 MAIN = frozenset(
@@ -76,7 +76,7 @@ def page(run: RunFacts) -> str:
 
 def _outcome(run: RunFacts) -> str:
     result, done = run.result, run.result.delivered
-    verdict, numbers = _verdict(result), _numbers(result.asking)
+    verdict, numbers = sentence(result), _numbers(result.asking)
     if result.message is not None:
         numbers["bytes of message"] = f"{result.message.bytes:,}"
     kind = "good" if done else "failed"
@@ -95,19 +95,6 @@ def _every_figure(figures: Figures) -> str:
     rows = [[_label(name), _cell(value)] for name, value in vars(figures).items()]
     made = table(["figure", "value"], rows, "parameters")
     return f"<details><summary>All figures</summary>{made}</details>" if rows else ""
-
-
-def _verdict(result: RunResult) -> str:
-    if result.message is not None:
-        return "delivered exactly" if result.delivered else "NOT DELIVERED"
-    if result.delivered:
-        return f"{result.service}: done"
-    figures_of_keys, request = result.asking, result.parameters
-    if isinstance(figures_of_keys, KeyFigures) and isinstance(request, ServiceRequest):
-        qber, options = figures_of_keys.qber, request.options
-        if isinstance(options, KeyOptions) and qber is not None and qber > options.max_qber:
-            return f"No key: an eavesdropper or noise (QBER {100 * qber:.1f} %)"
-    return f"{result.service}: {result.error or 'not done'}"
 
 
 def _numbers(figures: Figures) -> dict[str, str]:
@@ -137,6 +124,10 @@ def _sections(run: RunFacts) -> Iterator[str]:
     if keys:
         yield '<div class="charts">' + "".join(keys) + "</div>"
         yield first_photons(run.events, (run.result.hosts[0], run.result.hosts[-1]))
+    yield from figures.pictures_of_states(run)
+    if isinstance(run.result.job, NetqasmJob):
+        yield outputs(run.result.job)
+        yield ladder(run.events, run.result.job.roles)
     yield figures.network(run, paths)
     if isinstance(run.result.job, LoadJob):
         yield figures.load_figure(run, run.result.job)
@@ -197,7 +188,7 @@ def _parameters(result: RunResult) -> str:
     devices = {host: device.to_dict() for host, device in result.devices.items()}
     rows += [[f"device: {host}", _cell(parts)] for host, parts in devices.items() if parts]
     made = table(["parameter", "value"], rows, "parameters")
-    return f"<section><h2>Parameters and seed</h2>{made}</section>"
+    return f"<details><summary>Parameters and seed</summary>{made}</details>"
 
 
 def _cell(value: Any) -> str:

@@ -34,6 +34,8 @@ class TeleportFigures(Figures):
     fidelity: float | None
     fidelity_error: float | None  # standard error
     waited_ms: float | None  # in the acceptor's memory, for the bits
+    # Of each cardinal state (0, 1, +, -, +i, -i), at the acceptor: how many arrived, and agreed.
+    of_states: list[list[int]] | None = None
     elapsed_s: float
     states_per_s: float
 

@@ -17,9 +17,10 @@ from views.report.error_counts import reported
 from views.report.figures import _losses
 from views.report.first_photons import first_photons
 from views.report.light_paths import Hop, LightPath, light_paths
-from views.report.page import _fibers, _verdict
+from views.report.page import _fibers
 from views.report.report_file import NoReport, made_report, report_of_run
 from views.report.run_facts import read_run
+from views.report.sentences import sentence
 from views.verbs import report
 from wire.dispatcher_pb2 import BlockId, Event
 from wire.metadata.blocks import Block, Emit, Frame, Report
@@ -29,9 +30,9 @@ from wire.results.run_result import ServiceJob
 FIGURES = [
     "The network",
     "The handshake, in both layers",
+    "Bell states sent and received",
     "Bell pairs a second",
     "Errors over time",
-    "Symbols sent and received",
     "Loss of each hop",
     "Set-up of light paths",
 ]
@@ -76,7 +77,7 @@ def test_every_figure_of_a_run_is_there(page: str) -> None:
     for word in ("alice-q0 → bob-q0", "4.5 dB", "q2 1→2: 0.3 dB", "a path may lose 30 dB"):
         assert word in words["Loss of each hop"]
     for word in ("95.2 %", "4.76 %", "10", "00", "11"):  # 20 of 21, and 1 of 21
-        assert word in words["Symbols sent and received"]
+        assert word in words["Bell states sent and received"]
     assert "p50 3.00 ms" in words["Set-up of light paths"]
 
 
@@ -113,17 +114,22 @@ def test_a_run_says_whether_it_delivered_and_with_which_seed(page: str, tmp_path
 @pytest.mark.parametrize(
     ("qber", "error", "verdict"),
     [
-        (0.269, "no key: 566 of 2105 are wrong", "No key: an eavesdropper or noise (QBER 26.9 %)"),
-        (0.01, "no key: 20 blocks without light", "bb84: no key: 20 blocks without light"),
-        (None, None, "bb84: not done"),
+        (
+            0.269,
+            "no key: 566 of 2105 are wrong",
+            "No key: an eavesdropper or noise, QBER 26.9 % (21 to 33 %)",
+        ),
+        (0.01, "no key: 20 blocks without light", "No key: 20 blocks without light"),
+        (None, None, "BB84: not done"),
     ],
 )
 def test_a_run_without_a_key_says_why(qber: float | None, error: str | None, verdict: str) -> None:
     counts = dict.fromkeys(each.name for each in fields(cast("Any", KeyFigures)))
-    figures_of_keys = KeyFigures(**cast("Any", counts | {"qber": qber}))
+    known = {"qber": qber, "qber_low": 0.2135, "qber_high": 0.3333}
+    figures_of_keys = KeyFigures(**cast("Any", counts | known))
     result = run_of("bb84", ServiceJob(asking=figures_of_keys), time_scale=1.0)
     result.error = error
-    assert _verdict(result) == verdict
+    assert sentence(result) == verdict
 
 
 def test_first_photons_are_kept_where_bases_agree_and_hostile_names_are_no_markup() -> None:

@@ -40,7 +40,7 @@ function rate(value, low, high) {
   return `${percent(value, Math.max(digits, 1))} % (${percent(low, digits)} to ${percent(high, digits)} %)`;
 }
 
-// What has come of it, in words, and whether that is good.
+// The result in words, and whether that is good.
 export function verdict({ last, failed }) {
   const qber = last.qber == null ? "" : `QBER ${rate(last.qber, last.qber_low, last.qber_high)}`;
   if (failed?.reason === "TOO_NOISY" && last.qber > last.max_qber) return [`No key: an eavesdropper or noise, ${qber}`, "failed"];

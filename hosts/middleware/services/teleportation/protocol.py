@@ -9,10 +9,11 @@ alice                       charlie                    bob
   | <---------------------------------- Values(COUNTS)   |
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic
@@ -49,6 +50,17 @@ class Tally:
     arrived: int = 0
     agreed: int = 0  # of those that arrived
     waited_s: float = 0.0  # in the acceptor's memory, for the bits; summed over what arrived
+    # How many of each cardinal state arrived, and agreed.
+    of_states: NDArray[np.int64] = field(
+        default_factory=lambda: np.zeros((len(qubit_states.NAMES), 2), dtype=np.int64)
+    )
+
+    def sort(self, states: States, there: NDArray[np.bool_], agreed: NDArray[np.bool_]) -> None:
+        """Count a block by its cardinal states; others are of no few kinds."""
+        if isinstance(states, Cardinal):
+            for column, seen in enumerate((there, agreed)):
+                kinds = np.bincount(states.symbols[seen], minlength=len(qubit_states.NAMES))
+                self.of_states[:, column] += kinds
 
     def add(self, states: int, arrived: int, agreed: int, waited_us: int) -> None:
         """Count a block, each of whose states has waited so long."""
@@ -61,7 +73,7 @@ class Tally:
         """Return the application's results; None where nothing has arrived."""
         arrived = self.arrived
         fidelity = self.agreed / arrived if arrived else None
-        return TeleportFigures(
+        figures = TeleportFigures(
             states=self.states,
             arrived=arrived,
             fidelity=fidelity,
@@ -70,6 +82,9 @@ class Tally:
             elapsed_s=elapsed_s,
             states_per_s=self.states / elapsed_s,
         )
+        if self.of_states.any():
+            figures.of_states = self.of_states.tolist()
+        return figures
 
 
 def send(side: OpenerSide, state: str, count: int) -> Steps[None]:
@@ -109,13 +124,13 @@ def _measured(side: OpenerSide, number: int, states: States, size: int) -> Steps
 def receive(side: HostSide) -> Steps[None]:
     tally, began_s = Tally(), (yield Now())
     while (coming := (yield from side.announced(side.setup.pairs))) is not None:
-        counts = yield from _take_in(side, *coming)
+        counts = yield from _take_in(side, tally, *coming)
         tally.add(coming[1], *counts)
         yield side.say(Topic.COUNTS, coming[0], counts, 32)
         yield Tell(tally.summary((yield Now()) - began_s))
 
 
-def _take_in(side: HostSide, number: int, size: int) -> Steps[tuple[int, int, int]]:
+def _take_in(side: HostSide, tally: Tally, number: int, size: int) -> Steps[tuple[int, int, int]]:
     """Store, correct and measure a block.
 
     Return how many states arrived, how many of these agreed, and how long (us) they waited.
@@ -139,6 +154,7 @@ def _take_in(side: HostSide, number: int, size: int) -> Steps[tuple[int, int, in
         )
     there = seen & (found.outcomes != NO_COINCIDENCE)
     agreed = there & (found.outcomes == 0)
+    tally.sort(states, there, agreed)
     return int(np.count_nonzero(there)), int(np.count_nonzero(agreed)), waited_us
 
 

@@ -1,0 +1,91 @@
+"""The sentence about a run: its result, with the numbers that matter."""
+
+from hosts.middleware.services.key_distribution.options import KeyOptions
+from qmn.requests.service import ServiceRequest
+from qmn.results.run_result import RunResult
+from views.titles import TITLES
+from wire.results.figures import (
+    GhzFigures,
+    KeyFigures,
+    PairFigures,
+    SealFigures,
+    SentFigures,
+    TeleportFigures,
+)
+from wire.results.run_result import NetqasmJob
+
+NORMAL_95 = 1.96  # standard errors to either side
+
+
+def sentence(result: RunResult) -> str:
+    """Return the result of the run in words."""
+    text = _of_keys(result) if isinstance(result.asking, KeyFigures) else ""
+    if result.message is not None:
+        text = _of_message(result)
+    if text:
+        return text
+    title = TITLES.get(result.service, result.service)
+    if not result.delivered:
+        return f"{title}: {result.error or 'not done'}"
+    if isinstance(result.job, NetqasmJob):
+        where = ", ".join(f"{role} on {host}" for role, host in result.job.roles.items())
+        rounds = len(result.job.outputs)
+        return f"{rounds:,} round{'s' * (rounds != 1)} done: {where}"
+    return _of_states(result) or f"{title}: done"
+
+
+def interval(value: float, low: float, high: float) -> str:
+    digits = 4 if high - low < 0.01 else 3
+    return f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
+
+
+def _of_message(result: RunResult) -> str:
+    sent, receiver = result.asking, result.hosts[-1]
+    number = result.message.bytes if result.message else 0
+    if not result.delivered:
+        return f"NOT DELIVERED: {number:,} bytes to {receiver}"
+    text = f"delivered exactly: {number:,} bytes to {receiver}"
+    if isinstance(sent, SentFigures) and sent.symbol_error_rate is not None:
+        wrong = f"{100 * sent.symbol_error_rate:.3g} %"
+        text += f" in {sent.bell_pairs:,} Bell pairs, {wrong} of symbols wrong before correction"
+    return text
+
+
+def _of_keys(result: RunResult) -> str:
+    keys, request = result.asking, result.parameters
+    assert isinstance(keys, KeyFigures)
+    if keys.qber is None or keys.qber_low is None or keys.qber_high is None:
+        return ""
+    digits = 0 if keys.qber_high - keys.qber_low > 0.1 else 1
+    low, high = (f"{100 * end:.{digits}f}" for end in (keys.qber_low, keys.qber_high))
+    rate = f"QBER {100 * keys.qber:.1f} % ({low} to {high} %)"
+    if result.delivered:
+        return f"{keys.key_bits:,} bits of secret key, {rate}"
+    options = request.options if isinstance(request, ServiceRequest) else None
+    if isinstance(options, KeyOptions) and keys.qber > options.max_qber:
+        return f"No key: an eavesdropper or noise, {rate}"
+    return f"No key: {(result.error or '').removeprefix('no key: ')}"
+
+
+def _of_states(result: RunResult) -> str:
+    """Return the sentence of states or pairs that hosts share; "" for other jobs."""
+    begin, end = result.hosts[0], result.hosts[-1]
+    match result.asking:
+        case TeleportFigures(fidelity=float(fidelity), fidelity_error=float(error)) as found:
+            bounds = max(fidelity - NORMAL_95 * error, 0.0), min(fidelity + NORMAL_95 * error, 1.0)
+            text = f"{found.arrived:,} of {found.states:,} states of {begin} arrived at {end}"
+            return f"{text}, with fidelity {interval(fidelity, *bounds)}"
+        case PairFigures() as found:
+            text = f"{found.pairs:,} pairs of {begin} and {end}"
+            if found.fidelity is None or found.fidelity_low is None or found.fidelity_high is None:
+                return text
+            known = found.fidelity, found.fidelity_low, found.fidelity_high
+            return f"{text}, with fidelity {interval(*known)}"
+        case GhzFigures(fidelity=float(fidelity), fidelity_error=float(error)) as found:
+            bounds = max(fidelity - NORMAL_95 * error, 0.0), min(fidelity + NORMAL_95 * error, 1.0)
+            text = f"{found.states:,} states of {found.hosts} hosts"
+            return f"{text}, with fidelity {interval(fidelity, *bounds)}"
+        case SealFigures() as found:
+            verdict = "Alarm: somebody measures" if found.alarm else "No alarm"
+            return f"{verdict}, {found.compared:,} pairs of {begin} and {end} compared"
+    return ""
