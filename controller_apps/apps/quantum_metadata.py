@@ -274,8 +274,8 @@ class QuantumMetadata(App):
     @on(ofp_event.EventOFPPacketIn, MAIN)
     def packet_arrived(self, event: Any) -> None:
         """Pass LLDP to discovery and metadata to the arbiter; leave other frames to other apps."""
-        self.journal.packet_came()
         message = event.msg
+        self.journal.packet_came(bytes(message.data))
         if message.table_id == flow_entries.LEARNING_TABLE:
             return
         at, frame = (

@@ -76,6 +76,15 @@ def is_tcp(frame: bytes) -> bool:
     return frame[23:24] == bytes([IP_TCP])
 
 
+def only_acknowledges(frame: bytes) -> bool:
+    """Tell whether a frame is a TCP segment with nothing but an acknowledgement."""
+    try:
+        segment = parse(frame)
+    except MalformedPacket:
+        return False
+    return segment.flags == ACK and not segment.payload
+
+
 def parse(frame: bytes) -> Segment:
     """Read a frame; raise MalformedPacket if it is not one whole segment over IPv4."""
     try:

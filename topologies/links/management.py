@@ -15,9 +15,10 @@ from mininet.node import Node
 
 from programs.shortest_paths import shortest
 from topologies.links.copper_link import CopperLink, delay_s, length_km
-from topologies.system.kernel.interfaces import network_of, switch_ipv6_off
+from topologies.system.kernel.interfaces import PATIENT, network_of, switch_ipv6_off
 from topologies.system.processes.commands import ip
 from topologies.system.runs.runtime import Runtime
+from wire.network_time import SteppedTime
 
 BRIDGE_ADDRESS = "02:71:6d:6e:63:30"
 NETWORK = IPv4Address("198.18.0.0")  # /15, of RFC 2544, which no host on the Internet has
@@ -59,6 +60,10 @@ def lay_management(
         ]
         switch_ipv6_off(switch, str(far))
         outside.append(f"neigh replace {ours} lladdr {BRIDGE_ADDRESS} dev {far} nud permanent")
+        if isinstance(network.time, SteppedTime):
+            for own, device, words in ((ours, bridge, inside), (theirs, far, outside)):
+                subnet = f"{NETWORK + 256 * number}/30"
+                words.append(f"route replace {subnet} dev {device} src {own} {PATIENT}")
         network.management.add(str(far))
         addresses[name] = ours
     with network_of(controller):

@@ -11,7 +11,13 @@ from mininet.node import Host
 from topologies.links.keywords import refuse_unknown
 from topologies.nodes.node import QuantumNode
 from topologies.system.confinement.confinement import ConfinedNode
-from topologies.system.kernel.interfaces import finish_checksums, repeat_nothing, set_mtu, within
+from topologies.system.kernel.interfaces import (
+    PATIENT,
+    finish_checksums,
+    repeat_nothing,
+    set_mtu,
+    within,
+)
 from topologies.system.kernel.memory_share import checked_mib
 from topologies.system.kernel.user_namespace import NoUserNamespace, without_user_namespaces
 from topologies.system.open_vswitch import openvswitch
@@ -21,8 +27,7 @@ from topologies.system.runs.runtime import Runtime
 from wire.network_time import SteppedTime
 
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
-REPEATS = "200ms"  # of the wall, until TCP repeats what a switch has lost, by default
-RTO_MIN = "100s"  # of the wall, until TCP repeats what nobody has acknowledged; 120 s at most
+REPEATS = "rto_min 200ms quickack 1"  # what a switch has lost, as by default
 # The entries of a folder of runs.
 OF_RUNS = re.compile(r"\d{8}T\d{6}-.+|\.?latest.*|\.index\.sqlite.*|\.cache")
 
@@ -99,12 +104,12 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
         dispatcher, _, _port = self.network.dispatcher.partition(":")
         route = self.cmd(f"ip route show dev {self.defaultIntf()}").strip()
         is_there = self.IP() == dispatcher
-        self._route("change", route, REPEATS if is_there else RTO_MIN)
+        self._route("change", route, REPEATS if is_there else PATIENT)
         if dispatcher and not is_there:
             self._route("add", f"{dispatcher} scope link", REPEATS)
 
-    def _route(self, change: str, route: str, repeated_after: str) -> None:
-        words = f"{route} dev {self.defaultIntf()} rto_min {repeated_after} quickack 1"
+    def _route(self, change: str, route: str, patience: str) -> None:
+        words = f"{route} dev {self.defaultIntf()} {patience}"
         if refusal := self.cmd(f"ip route {change} {words}"):
             raise NetworkError(f"{self.name}: ip route {change} {words}: {refusal.strip()}")
 

@@ -15,6 +15,7 @@ from wire.network_time import NEVER, WITH_WALL, GateClient, SteppedTime
 GATE = "gate"
 ROUND_NS = 1_000_000_000_000  # longer than any network takes to start
 SETTLED_NS = 90_000_000  # for what is repeated after the leap, before the controller looks again
+OVER_NS = 1_000_000  # for packets that a leap brings about
 
 
 class Start:
@@ -42,10 +43,17 @@ class Start:
             passed_ns = time.now_ns() - time.since_ns
             begin_ns = time.since_ns + (passed_ns // ROUND_NS + 1) * ROUND_NS
             for instant_ns in (begin_ns, begin_ns + SETTLED_NS):
-                if not self._reaches(instant_ns):
-                    raise NetworkError(f"{GATE}: programs have not paused for {LEAP_TIMEOUT_S:g} s")
+                self._leap(instant_ns)
                 time.settle()
             time.begin()
+            # What programs do as it begins is over, and what they do at this leap, too.
+            self._leap(begin_ns + 2 * SETTLED_NS)
+            self._leap(begin_ns + 2 * SETTLED_NS + OVER_NS)
+
+    def _leap(self, instant_ns: int) -> None:
+        """Wait for an instant; raise NetworkError if it does not come in time."""
+        if not self._reaches(instant_ns):
+            raise NetworkError(f"{GATE}: programs have not paused for {LEAP_TIMEOUT_S:g} s")
 
     def settle(self) -> None:
         """Let arrive what is under way: a run ends at the same instant each time."""

@@ -8,7 +8,13 @@ from scapy.layers.inet import IP, TCP, UDP
 from scapy.layers.l2 import Ether
 from scapy.packet import Packet
 
-from controller_apps.packets.segments import ETHERNET_LENGTH, FiveTuple, checksum, parse
+from controller_apps.packets.segments import (
+    ETHERNET_LENGTH,
+    FiveTuple,
+    checksum,
+    only_acknowledges,
+    parse,
+)
 from wire.malformed import MalformedPacket
 from wire.metadata.header import METADATA_PORT
 
@@ -26,6 +32,22 @@ def test_ethernet_padding_is_no_payload() -> None:
 @pytest.mark.parametrize("flags", ["FA", "R", "RA", "FPA"])
 def test_fin_and_rst_close(flags: str) -> None:
     assert parse(frame(flags=flags)).closes
+
+
+@pytest.mark.parametrize(
+    ("read", "bare"),
+    [
+        (frame(flags="A"), True),
+        (frame(flags="A") + b"\0" * 6, True),
+        (frame(b"x", flags="A"), False),
+        (frame(flags="SA"), False),
+        (frame(flags="FA"), False),
+        (frame(flags="A")[:40], False),
+        (bytes(60), False),
+    ],
+)
+def test_a_segment_that_only_acknowledges_is_told_from_others(read: bytes, bare: bool) -> None:
+    assert only_acknowledges(read) is bare
 
 
 @pytest.mark.parametrize("length", [0, 1, 76, 77, 1000])

@@ -6,8 +6,9 @@ bit in every basis but Y, in which they differ. Which photons arrive is written 
 
 from collections import deque
 from dataclasses import dataclass, field
+from fractions import Fraction
 from functools import partial
-from itertools import count
+from itertools import count, permutations
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ import pytest
 
 from hosts.hardware.operations import BlockName
 from hosts.hardware.replies import Outcomes, Stored
-from hosts.middleware.services.distribution.pairs import Pairs
+from hosts.middleware.services.distribution.pairs import Moments, Pairs
 from hosts.middleware.services.distribution.protocol import Opening, follow
 from hosts.middleware.services.distribution.purification import DistributeOptions
 from hosts.middleware.services.distribution.sharing import make, share
@@ -210,3 +211,15 @@ def test_an_acceptor_refuses_to_purify_what_it_does_not_have() -> None:
     assert next(bob.steps) == protocol.HearNext()
     with pytest.raises(SessionError, match="there are no pairs of block 1"):
         bob.steps.send(values(SETUP.session, Topic.PURIFY, 1, [2, 1], 32))
+
+
+def test_the_mean_of_instants_is_exact_in_whatever_order_blocks_come() -> None:
+    """Of seconds since a network began, as binary fractions: sums in floats differ by order."""
+    blocks = [(3, 1e3 + 257e-9), (7, 1e3 + 306e-9), (11, 1e3 + 355e-9), (6, 1e3 + 453e-9)]
+    means = set()
+    for each in permutations(blocks):
+        moments = Moments()
+        for pairs, time_s in each:
+            moments.add(pairs, time_s)
+        means.add(moments.mean_s)
+    assert means == {float(sum(pairs * Fraction(time_s) for pairs, time_s in blocks) / 27)}

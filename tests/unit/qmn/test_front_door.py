@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tomllib
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -221,12 +222,19 @@ def test_a_signal_after_the_last_word_changes_nothing(name: str, tmp_path: Path)
 
 @pytest.mark.parametrize("after_s", [0.002 * 1.6**n for n in range(11)])  # to 0.2 s
 def test_ctrl_c_while_it_loads_ends_it_without_a_traceback(after_s: float) -> None:
+    struck = list(islice(filter(None, (struck_after(after_s) for _ in range(20))), 1))
+    # Of Python, or of the script before it.
+    assert struck in ([(-signal.SIGINT, b"")], [(130, b"")])
+
+
+def struck_after(after_s: float) -> tuple[int, bytes] | None:
+    """Return status and errors of a command; None if it had ended, as on a busy machine."""
     pipe = subprocess.PIPE
     command = [str(QMN), "run", "--help"]
     with subprocess.Popen(command, stdout=pipe, stderr=pipe, start_new_session=True) as process:
         with suppress(subprocess.TimeoutExpired):
             process.wait(after_s)
+        has_ended = process.poll() is not None
         os.killpg(process.pid, signal.SIGINT)
         _, errors = process.communicate(timeout=SOON_S)
-    assert errors == b""
-    assert process.returncode in (-signal.SIGINT, 130)  # of Python, and of the script before it
+        return None if has_ended else (process.returncode, errors)

@@ -53,6 +53,9 @@ STEPPED_TCP = {
     "tcp_autocorking": 0,
     "tcp_tso_win_divisor": 255,
 }
+# Of a route in stepped time: TCP repeats after 100 s of the wall (120 s at most) what nobody has
+# acknowledged, and acknowledges at once, as time would leap while it held that back.
+PATIENT = "rto_min 100s quickack 1"
 INTERFACES = Path("/sys/class/net")
 
 

@@ -4,6 +4,7 @@ Member i of a block is one pair at both ends, as both do the same to their halve
 """
 
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -52,14 +53,19 @@ class Portion:
 
 @dataclass
 class Moments:
-    """When pairs were measured, or how long they had waited then."""
+    """When pairs were measured, or how long they had waited then, in whatever order."""
 
     pairs: int = 0
-    mean_s: float = 0.0
+    sum_s: Fraction = Fraction()
+
+    @property
+    def mean_s(self) -> float:
+        """The mean, exact; 0 without pairs."""
+        return float(self.sum_s / max(self.pairs, 1))
 
     def add(self, pairs: int, time_s: float) -> None:
         self.pairs += pairs
-        self.mean_s += (time_s - self.mean_s) * pairs / self.pairs
+        self.sum_s += pairs * Fraction(time_s)
 
 
 class Pairs:
