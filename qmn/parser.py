@@ -1,6 +1,7 @@
 """The parser of the command line and of each verb on it."""
 
 import argparse
+import sys
 from collections.abc import Callable, Collection, Iterator, Mapping
 from textwrap import fill
 from types import MappingProxyType
@@ -10,6 +11,28 @@ from wire.parameters.checks import NEAR, check_choice, nearest
 from wire.parameters.quantity import quantity
 
 REQUIRED = "the following arguments are required:"  # argparse's words
+MANY = 20  # options; of more, --help shows these, and those of a small group of a job's own
+FIRST = frozenset(
+    {
+        *("message", "file", "host", "count", "seconds", "state", "fidelity", "purification"),
+        *(
+            "service",
+            "eve",
+            "fec",
+            "line",
+            "graph",
+            "probes",
+            "traffic",
+            "sessions",
+            "key_lifetime",
+        ),
+        *("named", "preset", "length_km", "depolarizing", "seed", "captures", "live"),
+        *("help", "help_all"),
+    }
+)
+FEW = 6  # options of a group that is shown whole
+OWN = frozenset({"the job", "the application"})  # groups of a job's own options
+ALL = "--help-all"
 NO_HEADINGS: Mapping[str, Collection[str]] = MappingProxyType({})
 
 
@@ -48,11 +71,17 @@ class Parser(argparse.ArgumentParser):
         if describe is not None:
             self.usage = "%(prog)s [options]"  # which are some sixty
             describe()
+        if self._has_many and ALL not in self._option_string_actions:
+            self.add_argument(ALL, action=HelpAll, nargs=0, help="show all options, and exit")
+
+    @property
+    def _has_many(self) -> bool:
+        return len(self._actions) > MANY
 
     def format_help(self) -> str:
-        """Return the help, with verbs under their headings where it has such."""
+        """Return the help: verbs under their headings, or those of many options that matter."""
         if not self._headings:
-            return super().format_help()
+            return self._first_options() if self._has_many else super().format_help()
         formatter = self._get_formatter()
         formatter.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
         formatter.add_text(self.description)
@@ -64,6 +93,29 @@ class Parser(argparse.ArgumentParser):
         formatter.add_arguments(self._optionals._group_actions)
         formatter.end_section()
         return formatter.format_help()
+
+    def _first_options(self) -> str:
+        formatter, left = self._get_formatter(), 0
+        formatter.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
+        formatter.add_text(self.description)
+        for group in self._action_groups:
+            known, whole = (
+                group._group_actions,
+                group.title in OWN and len(group._group_actions) <= FEW,
+            )
+            shown = [
+                each for each in known if whole or each.dest in FIRST or not each.option_strings
+            ]
+            left += len(known) - len(shown)
+            formatter.start_section(group.title)
+            formatter.add_arguments(shown)
+            formatter.end_section()
+        formatter.add_text(f"{left} more options: {self.prog} {ALL}")
+        formatter.add_text(self.epilog)
+        return formatter.format_help()
+
+    def whole_help(self) -> str:
+        return super().format_help()
 
     def verbs_under_headings(self) -> Iterator[tuple[str, list[argparse.Action]]]:
         assert self._subparsers is not None
@@ -106,7 +158,17 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """End with what is wrong and where the usage is: that of a run is longer than a screen."""
         message = message.removeprefix("argument ").replace(REQUIRED, "missing:")
-        self.exit(2, f"{self.prog}: error: {message} (`{self.prog} --help` lists all)\n")
+        help_option = ALL if self._has_many else "--help"
+        self.exit(2, f"{self.prog}: error: {message} (`{self.prog} {help_option}` lists all)\n")
+
+
+class HelpAll(argparse.Action):
+    """Shows all options of a parser that has many."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_given: Any) -> None:
+        assert isinstance(parser, Parser)
+        parser._print_message(parser.whole_help(), sys.stdout)
+        parser.exit()
 
 
 def name_of(action: argparse.Action) -> str:

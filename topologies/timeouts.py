@@ -2,6 +2,7 @@
 
 # Programs
 READY_TIMEOUT_S = 20.0  # until a program is ready, or captures
+QUIET_START_S = 5.0  # of a start, before it says what it waits for, and then again
 LEAP_TIMEOUT_S = 60.0  # until stepped time has reached an instant for which the runner waits
 STOP_TIMEOUT_S = 5.0  # until one that was asked to has ended; then, until one that is killed has
 END_TIMEOUT_S = 1.0  # until a process has ended whose socket is closed; from one signal to the next

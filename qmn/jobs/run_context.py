@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -140,6 +141,7 @@ def _running(
             runtime,
             context.signals,
             lambda cause: console.print(f"ending: {cause}", soft_wrap=True),
+            partial(console.print, soft_wrap=True),
         ) as network,
     ):
         if runtime.places:

@@ -5,6 +5,7 @@ import resource
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
 from typing import Self
 
@@ -18,6 +19,7 @@ from topologies.links.management import bridge_of
 from topologies.networks.captures import MAX_PACKET_BYTES, Captures
 from topologies.networks.discovery import Discovery
 from topologies.networks.disk import DiskKeeper
+from topologies.networks.long_start import LongStart
 from topologies.networks.parallel import ParallelMininet
 from topologies.networks.placing import place
 from topologies.networks.switch_watch import SwitchWatch
@@ -73,8 +75,13 @@ class Network:
         settings: Runtime,
         signals: Signals,
         tell: Callable[[str], None] | None = None,
+        say: Callable[[str], None] | None = None,
     ) -> None:
-        """Set it up; call `tell` with the cause of its end before the clean-up."""
+        """Set it up; call `tell` with the cause of its end before the clean-up.
+
+        `say` gets what a long start waits for.
+        """
+        self._long_start = LongStart(say)
         self._topo = topo
         self._tell = tell
         self.runtime = settings
@@ -171,8 +178,10 @@ class Network:
     def _build_and_start(self) -> None:
         """Let Mininet start all nodes; where it fails because of another's end, name that."""
         try:
+            self._long_start.waits_for("programs to load")
             self.net.build()
             self._signals.check()
+            self._long_start.waits_for(f"{len(self.net.switches)} switches to start")
             if self.runtime.settings.tls and self.runtime.log_folder is not None:
                 self.capture_openflow()  # Wireshark needs the beginnings of TLS
             self.net.start()
@@ -215,11 +224,16 @@ class Network:
 
     def _wait_until_ready(self) -> None:
         for program in list(self.runtime.programs):
-            program.wait_for("ready", READY_TIMEOUT_S, self.check)
+            program.wait_for("ready", READY_TIMEOUT_S, partial(self._check_start, program.name))
             self._signals.check()
-        Discovery(self.net, self.runtime).wait(self.check)
+        finding = "the controller to find switches and fibres"
+        Discovery(self.net, self.runtime).wait(partial(self._check_start, finding))
         if bridge := next(iter(self.runtime.bridges), None):
             openvswitch.apply_settings(bridge)
+
+    def _check_start(self, what: str) -> None:
+        self._long_start.waits_for(what)
+        self.check()
 
     def host(self, name: str) -> Host:
         """Return a host; raise NetworkError if there is none of that name."""

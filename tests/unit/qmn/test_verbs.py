@@ -64,7 +64,7 @@ def test_help_and_a_verb_do_not_wait_for_what_others_load(word: str, needed: set
         (
             ["run", "sdc", "--mesage", "hi"],
             "qmn run sdc: error: there is no --mesage: did you mean --message? "
-            "(`qmn run sdc --help` lists all)",
+            "(`qmn run sdc --help-all` lists all)",
         ),
         (
             ["devices", "--xyzzy=3"],
@@ -78,16 +78,16 @@ def test_help_and_a_verb_do_not_wait_for_what_others_load(word: str, needed: set
         (
             ["run", "sdc", "--captures", "som"],
             "qmn run sdc: error: --captures 'som': choose one of full, headers, none "
-            "(`qmn run sdc --help` lists all)",
+            "(`qmn run sdc --help-all` lists all)",
         ),
         (
             ["run", "sdc", "--seed", "1.5"],
             "qmn run sdc: error: --seed '1.5': choose a whole number "
-            "(`qmn run sdc --help` lists all)",
+            "(`qmn run sdc --help-all` lists all)",
         ),
         (
             ["run", "sdc", "hello"],
-            "qmn run sdc: error: unexpected argument 'hello' (`qmn run sdc --help` lists all)",
+            "qmn run sdc: error: unexpected argument 'hello' (`qmn run sdc --help-all` lists all)",
         ),
     ],
 )
@@ -120,7 +120,7 @@ def test_a_percentage_is_answered_by_the_number_that_it_is(
 
 def test_the_options_of_a_run_are_in_groups(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
-        described(["run"]).parse_args(["run", "sdc", "--help"])
+        described(["run"]).parse_args(["run", "sdc", "--help-all"])
     told = capsys.readouterr().out
     assert told.startswith("usage: qmn run sdc [options]\n")
     titles = ["options", "the job", "the network", "light and noise", "time and simulation"]
@@ -128,6 +128,17 @@ def test_the_options_of_a_run_are_in_groups(capsys: pytest.CaptureFixture[str]) 
     assert re.findall(r"^(\S.*):$", told, re.MULTILINE) == titles
     assert "--message" in told[told.index("the job:") : told.index("the network:")]
     assert "--copper-km" in told[told.index("copper and control:") : told.index("what is written")]
+
+
+@pytest.mark.parametrize("job", ["sdc", "teleport", "swap", "qkd", "keys", "load"])
+def test_help_has_the_options_that_matter(job: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        described(["run"]).parse_args(["run", job, "--help"])
+    told = capsys.readouterr().out
+    options = set(re.findall(r"^  (--[a-z-]+)", told, re.MULTILINE)) - {"--help-all"}
+    assert {"--topology", "--preset", "--length-km", "--seed", "--live"} < options
+    assert 8 <= len(options) <= 13
+    assert re.search(rf"^\d+ more options: qmn run {job} --help-all$", told, re.MULTILINE)
 
 
 @pytest.mark.parametrize("text", ["1.5", "1e", "inf", "nan", "2%"])
