@@ -35,10 +35,11 @@ def hardware(config: AgentConfig) -> OpticalHardware:
             f"{clock} with hardware {config.hardware}: an instrument runs in real time; "
             "leave it out"
         )
-    for number, parts in ((config.analysers, "analysers"), (config.memories, "memories")):
+    parts = {"analysers": config.analysers, "memories": config.memories, "sources": config.sources}
+    for name, number in parts.items():
         if number:
             raise BadConfig(
-                f"{number} {parts} with hardware {config.hardware}: an instrument of "
+                f"{number} {name} with hardware {config.hardware}: an instrument of "
                 "mirrors has none; leave them out, or let the switch be simulated"
             )
     host, port = _address(config.hardware)

@@ -18,7 +18,7 @@ from wire.parameters.switch import inner_ports
 class Agent:
     def __init__(self, config: AgentConfig, hardware: OpticalHardware) -> None:
         self._hardware, self._config = hardware, config
-        inner = inner_ports(config.analysers, config.memories)
+        inner = inner_ports(config.analysers, config.memories, config.sources)
         self._paths = LightPaths(config.fiber_ports, hardware, config.time, inner)
         self._monitor = Monitor(config.management, self._paths.update, self._ports_changed)
         self._commands = Commands(config.management)

@@ -11,7 +11,7 @@ from wire.analyser_frames import (
     port_description,
 )
 from wire.parameters.physics import Memory
-from wire.parameters.switch import InnerPort
+from wire.parameters.switch import InnerPort, Kind
 
 NO_ADDRESS = bytes(6)
 IDEAL = Memory()
@@ -29,7 +29,7 @@ class InnerPorts:
         """`send` lets flow entries decide on a frame that comes from a port."""
         self._ports, self._send, self._memory = ports, send, memory
         self._addresses: dict[int, bytes] = {}  # of the inner ports
-        first = [port for port, inner in ports.items() if inner.which == 1]
+        first = [p for p, inner in ports.items() if (inner.kind, inner.which) == (Kind.ANALYSER, 1)]
         self._counts = {port: AnalyserCounts(port) for port in first}
 
     def description(self, number: int) -> bytes:

@@ -15,7 +15,7 @@ from qswitch_agent.hardware.optics import (
     OpticalHardware,
     Readings,
 )
-from wire.analyser_frames import AnalyserFrame
+from wire.analyser_frames import AnalyserFrame, Emission
 
 
 class MeasuredHardware:
@@ -74,6 +74,10 @@ class MeasuredHardware:
 
     async def watch_analysers(self, on_report: Callable[[AnalyserFrame], None]) -> None:
         await self._hardware.watch_analysers(on_report)
+
+    async def emit(self, port: int, emission: Emission) -> None:
+        with self._measured("emit"):
+            await self._hardware.emit(port, emission)
 
     async def close(self) -> None:
         await self._hardware.close()

@@ -86,7 +86,7 @@ class Switch:
         """
         self.paths = paths
         self.fibers, self.inner = paths.table.fibers, paths.table.inner
-        self.inputs, self.outputs = paths.table.inputs, paths.table.outputs
+        self.inputs, self.light_ports = paths.table.inputs, paths.table.light
         self.inner_ports = inner or InnerPorts({}, lambda _port, _frame: None)
         self.connections: set[Unconfirmed] = set()
         self._synchronise = synchronise
@@ -259,7 +259,7 @@ class Switch:
     @property
     def optical_alone(self) -> bool:
         """Whether there is no copper, so that the bridge forwards no packets."""
-        return not self.ports - self.outputs - {ofp.OFPP_LOCAL}
+        return not self.ports - self.light_ports - {ofp.OFPP_LOCAL}
 
     def shown(self, port: Port) -> Port:
         """Return the description of a port of light as a controller sees it.

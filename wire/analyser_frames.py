@@ -24,8 +24,9 @@ from wire.parameters.physics import Memory
 from wire.parameters.switch import InnerPort, Kind
 
 ETHER_TYPE = b"\x88\xb5"  # IEEE 802, local experimental EtherType 1
+HERALDS = b"\x88\xb6"  # local experimental EtherType 2: of what a memory holds now
 BROADCAST = b"\xff" * 6
-MAGIC = b"QMNA"
+MAGIC, EMIT = b"QMNA", b"QMNE"
 HEAD = struct.Struct("!4sBxHIIII")
 ETHERNET_BYTES, LEAST_PAYLOAD, MOST_PAYLOAD = 14, 46, 1500
 MOST_OUTCOMES = 2 * (MOST_PAYLOAD - HEAD.size)
@@ -48,6 +49,10 @@ class End(IntEnum):
     CLOSED = 2
     UNFIT = 3
     CUT_OFF = 4  # in a memory
+    STORED = 5  # no end: a memory holds it now
+
+
+WITH_OUTCOMES = End.MEASURED, End.STORED
 
 
 def port_description(port: InnerPort, memory: Memory) -> bytes:
@@ -83,21 +88,24 @@ class AnalyserFrame:
         packed = bytes.fromhex((self.outcomes.translate(DIGITS) + b"0" * (count % 2)).decode())
         fixed = self.end, count, self.port, self.number, self.pulses, self.first
         payload = HEAD.pack(MAGIC, *fixed) + packed
-        return receiver + sender + ETHER_TYPE + payload.ljust(LEAST_PAYLOAD, b"\0")
+        kind = HERALDS if self.end == End.STORED else ETHER_TYPE
+        return receiver + sender + kind + payload.ljust(LEAST_PAYLOAD, b"\0")
 
     @classmethod
     def decode(cls, frame: bytes) -> Self:
         """Read a frame; raise MalformedPacket for any other."""
         payload = frame[ETHERNET_BYTES:]
-        if frame[12:ETHERNET_BYTES] != ETHER_TYPE or len(payload) < LEAST_PAYLOAD:
+        kind = frame[12:ETHERNET_BYTES]
+        if kind not in (ETHER_TYPE, HERALDS) or len(payload) < LEAST_PAYLOAD:
             raise MalformedPacket(f"no frame of an analyser in {len(frame)} bytes")
         magic, end, count, port, number, pulses, first = HEAD.unpack_from(payload)
         size = HEAD.size + (count + 1) // 2
-        if magic != MAGIC or end > max(End) or payload[5] or count > MOST_OUTCOMES:
+        wrong = end > max(End) or (end == End.STORED) != (kind == HERALDS)
+        if magic != MAGIC or wrong or payload[5] or count > MOST_OUTCOMES:
             raise MalformedPacket(f"frame of an analyser that begins {payload[:8].hex()}")
         if not 0 < pulses <= MOST_PULSES or first + count > pulses or not port or not number:
             raise MalformedPacket(f"outcomes {first} to {first + count} of {pulses} pulses")
-        if (end == End.MEASURED) != (count > 0):
+        if (end in WITH_OUTCOMES) != (count > 0):
             raise MalformedPacket(f"{count} outcomes of light that has ended as {End(end).name}")
         if len(payload) != max(size, LEAST_PAYLOAD) or any(payload[size:]):
             raise MalformedPacket(f"{len(payload)} bytes for {count} outcomes")
@@ -118,6 +126,34 @@ def frames_of(report: AnalyserFrame) -> Iterator[AnalyserFrame]:
     head = report.port, report.number, report.end, report.pulses
     for first in range(0, max(len(report.outcomes), 1), MOST_OUTCOMES):
         yield AnalyserFrame(*head, first, report.outcomes[first : first + MOST_OUTCOMES])
+
+
+@dataclass(frozen=True)
+class Emission:
+    """What a controller sends to a source's port: make a block of pairs."""
+
+    FIELDS = struct.Struct("!4sQIIII")
+
+    session: int  # with the number the name of the block
+    number: int
+    pairs: int
+    rate_hz: int
+    frequency_mhz: int
+
+    def encode(self) -> bytes:
+        payload = self.FIELDS.pack(EMIT, *vars(self).values())
+        return BROADCAST + bytes(6) + ETHER_TYPE + payload.ljust(LEAST_PAYLOAD, b"\0")
+
+    @classmethod
+    def decode(cls, frame: bytes) -> Self:
+        """Read a frame; raise MalformedPacket for any other."""
+        body = frame[ETHERNET_BYTES:]
+        if len(body) != LEAST_PAYLOAD or frame[12:ETHERNET_BYTES] != ETHER_TYPE:
+            raise MalformedPacket(f"nothing that a source emits by in {len(frame)} bytes")
+        magic, *fields = cls.FIELDS.unpack_from(body)
+        if magic != EMIT or any(body[cls.FIELDS.size :]):
+            raise MalformedPacket(f"frame to a source that begins {body[:8].hex()}")
+        return cls(*fields)
 
 
 @dataclass
@@ -142,7 +178,7 @@ class AnalyserCounts:
         for name, outcome in (("phi_plus", 0), ("psi_plus", 1), ("phi_minus", 2), ("psi_minus", 3)):
             setattr(self, name, getattr(self, name) + report.outcomes.count(outcome))
         self.none += report.outcomes.count(NO_COINCIDENCE)
-        if report.end != End.MEASURED:
+        if report.end not in WITH_OUTCOMES:
             name = report.end.name.lower()
             setattr(self, name, getattr(self, name) + 1)
 

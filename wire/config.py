@@ -189,6 +189,7 @@ class AgentConfig(MeasuredConfig):
     analysers: int = 0  # Bell analysers in the switch
     memories: int = 0  # quantum memories in it
     memory: Memory = field(default_factory=Memory)  # what these are like
+    sources: int = 0  # of pairs in it
     hardware: str = ""  # empty: the simulated switch; or "scpi://192.0.2.7:5025"
     # scpi: OpenFlow port number to the numbers of its [ingress, egress] at the instrument
     hardware_ports: dict[str, list[int]] = field(default_factory=dict)

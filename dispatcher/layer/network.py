@@ -55,7 +55,8 @@ class Network:
         for fiber in fibers:
             self._lay(fiber, named)
         # Of switches, by the name of their node here.
-        self.analysers, self.memories = dict[str, Part](), dict[str, Part]()
+        self.parts = {kind: dict[str, Part]() for kind in Kind}
+        self.analysers, self.memories = self.parts[Kind.ANALYSER], self.parts[Kind.MEMORY]
         for switch in switches:
             self._lay_parts(switch, named)
         self.switches = {switch.name: self._switch(switch) for switch in switches}
@@ -114,10 +115,9 @@ class Network:
 
     def _lay_parts(self, switch: QuantumSwitch, switches: Mapping[str, QuantumSwitch]) -> None:
         """Let light that leaves by an inner port come to its part, which is a node."""
-        parts = {Kind.ANALYSER: self.analysers, Kind.MEMORY: self.memories}
         for port, inner in switch.inner_ports.items():
             node = inner.node(switch.name)
-            part = parts[inner.kind].setdefault(node, Part(switch.name, []))
+            part = self.parts[inner.kind].setdefault(node, Part(switch.name, []))
             part.ports.append(str(port))
             ends = FiberEnd(switch.name, str(port)), FiberEnd(node, str(port))
             self._lay(Fiber.joining(*ends, FiberOptics(length_km=0.0)), switches)

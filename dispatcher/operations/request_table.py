@@ -22,7 +22,7 @@ from dispatcher.operations.imperfections import over
 from dispatcher.operations.measurements import Measurements
 from dispatcher.operations.state_inspection import look, sense, tell
 from dispatcher.operations.switch_memories import SwitchMemories
-from dispatcher.operations.switching import Switching
+from dispatcher.operations.switching import Emission, Switching
 from dispatcher.operations.transport import Transport
 from dispatcher.refusal import invalid
 from wire import dispatcher_pb2 as messages
@@ -73,6 +73,7 @@ class RequestTable:
             # not steps of an order
             "look": Row(messages.LookRequest, self._on_layer(look)),
             "cross_connect": Row(messages.CrossConnectRequest, self.switching.cross_connect),
+            "emit": Row(messages.EmitRequest, Emission(layer, self.blocks, self.transport).emit),
             "tune_port": Row(messages.TunePortRequest, self.switching.tune),
             "inject_fault": Row(messages.InjectFaultRequest, self.switching.inject),
             "adjust_fiber": Row(messages.AdjustFiberRequest, self._on_layer(adjust)),

@@ -14,6 +14,8 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from functools import partial
 
+import numpy as np
+
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations.analysers import Analysers, Reports
@@ -22,6 +24,7 @@ from dispatcher.refusal import Refusal
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.timeouts import MEMORY_WAIT_S
 from wire.dispatcher_pb2 import BellOutcomes, SwitchStatisticsReply
+from wire.outcomes import NO_CLICK
 
 
 class SwitchMemories:
@@ -87,6 +90,9 @@ class SwitchMemories:
             return
         self._counts[node]["stored"] += block.register.remaining
         layer.record(node, "store", block, block.port)
+        held = np.where(block.register.present, 0, NO_CLICK).astype(np.uint8)
+        report = BellOutcomes(end=BellOutcomes.STORED, photons=held.size, outcomes=held.tobytes())
+        self._reports.add(node, report)
         self._held[node].append(block)
         limit = self._limits[block] = asyncio.create_task(self._expire(block))
         limit.add_done_callback(self._ended)

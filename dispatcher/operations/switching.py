@@ -6,18 +6,27 @@ from contextlib import contextmanager
 
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.operations import limits
-from dispatcher.refusal import invalid, not_found, precondition
+from dispatcher.operations.blocks import Operations
+from dispatcher.operations.transport import Transport
+from dispatcher.refusal import Refusal, invalid, not_found, precondition
 from dispatcher.switch.optical_switch import MAX_POWER_DBM, OpticalSwitch
 from wire.config import FiberEnd
 from wire.dispatcher_pb2 import (
+    BlockId,
     Connection,
+    CreateRequest,
     CrossConnectRequest,
+    EmitReply,
+    EmitRequest,
     Event,
     InjectFaultRequest,
+    Launch,
+    SendRequest,
     SwitchCondition,
     SwitchStatisticsReply,
     TunePortRequest,
 )
+from wire.parameters.switch import Kind
 
 
 def condition(switch: OpticalSwitch) -> SwitchCondition:
@@ -79,6 +88,43 @@ def statistics(
             last_ns=circuit.last_ns,
         )
     return reply
+
+
+class Emission:
+    """The pair sources of switches."""
+
+    def __init__(self, layer: PhysicalLayer, blocks: Operations, transport: Transport) -> None:
+        self._sources = layer.network.parts[Kind.SOURCE]
+        self._blocks, self._transport = blocks, transport
+
+    def emit(self, _node: str, request: EmitRequest) -> EmitReply:
+        """Make a block of pairs, and send each half out of a port of the source."""
+        found = (
+            (node, part.ports)
+            for node, part in self._sources.items()
+            if part.switch == request.switch and str(request.port) in part.ports
+        )
+        node, ports = next(found, ("", []))
+        if not node:
+            raise not_found(f"port {request.port} of {request.switch} is of no pair source")
+        session, number = request.session, request.number
+        self._blocks.create(
+            node, CreateRequest(session=session, number=number, count=request.count)
+        )
+        launches = [
+            Launch(block=BlockId(session=session, number=number, half=half), port=port)
+            for half, port in enumerate(ports)
+        ]
+        light = SendRequest(
+            launches=launches, rate_hz=request.rate_hz, frequency_mhz=request.frequency_mhz
+        )
+        try:
+            self._transport.launch(node, light)
+        except Refusal:
+            for launch in launches:
+                self._blocks.discard(node, launch.block)
+            raise
+        return EmitReply()
 
 
 DIRECTIONS = {

@@ -42,6 +42,14 @@ class Transport:
 
         The reply is about the light as it leaves, not about what becomes of it.
         """
+        feedback = self.launch(node, request)
+        # A caller that goes away cancels this wait; its photons fly on.
+        await self._layer.clock.wait_until(feedback.last_ns)
+        feedback.time_ns = self._layer.clock.now_ns()
+        return feedback
+
+    def launch(self, node: str, request: SendRequest) -> Feedback:
+        """Launch blocks together; return when they will have left."""
         layer, rate_hz = self._layer, request.rate_hz
         launches = [(block_name(launch.block), launch.port) for launch in request.launches]
         frequency_mhz = request.frequency_mhz or DEFAULT_FREQUENCY_MHZ
@@ -72,9 +80,6 @@ class Transport:
         layer.mark(feedback, blocks)
         for path in zip(blocks, ends, departures, strict=True):
             self._launch(*path)
-        # A caller that goes away cancels this wait; its photons fly on.
-        await layer.clock.wait_until(feedback.last_ns)
-        feedback.time_ns = layer.clock.now_ns()
         return feedback
 
     async def receive(self, node: str, request: ReceiveRequest) -> Feedback:

@@ -270,6 +270,13 @@ class Service(DispatcherServicer):
         return messages.TunePortReply(ready_ns=await self.change(node, "tune_port", request))
 
     @call
+    async def Emit(
+        self, request: messages.EmitRequest, node: str, _context: Context
+    ) -> messages.EmitReply:
+        self.callers.require_agent(node, request.switch, "emit from a source of")
+        return cast(messages.EmitReply, await self.change(node, "emit", request))
+
+    @call
     async def SwitchStatistics(
         self, request: messages.SwitchStatisticsRequest, node: str, _context: Context
     ) -> messages.SwitchStatisticsReply:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple, Protocol
 
-from wire.analyser_frames import AnalyserFrame, MemoryCounts
+from wire.analyser_frames import AnalyserFrame, Emission, MemoryCounts
 
 
 class HardwareRefusal(Exception):
@@ -119,7 +119,8 @@ class Direction(Enum):
 
 
 class OpticalHardware(Protocol):
-    """An N x N cross-connect for light, which measures nothing that passes; analysers, memories.
+    """An N x N cross-connect for light, which measures nothing that passes; analysers, memories,
+    sources of pairs.
 
     Every call raises HardwareRefusal or HardwareFault, and none but those that watch takes longer
     than CALL_DEADLINE_S.
@@ -148,6 +149,9 @@ class OpticalHardware(Protocol):
 
     async def watch_analysers(self, on_report: Callable[[AnalyserFrame], None]) -> None:
         """Report each block that ends in a part of the switch; raise HardwareFault at the end."""
+
+    async def emit(self, port: int, emission: Emission) -> None:
+        """Have the pair source of a port make pairs; return when it has begun."""
 
     async def close(self) -> None:
         """Close the hardware; its cross-connects stay."""

@@ -34,7 +34,7 @@ from qswitch_agent.hardware.optics import (
 )
 from qswitch_agent.hardware.scpi_link import GarbledReply, ScpiLink
 from qswitch_agent.timeouts import CALL_DEADLINE_S, SCPI_POLL_S
-from wire.analyser_frames import AnalyserFrame
+from wire.analyser_frames import AnalyserFrame, Emission
 
 NEVER_MEASURED = frozenset(
     {Quantity.PHOTONS, Quantity.FREQUENCY, Quantity.BIAS, Quantity.TEMPERATURE}
@@ -101,6 +101,10 @@ class ScpiSwitch:
     async def watch_analysers(self, on_report: Callable[[AnalyserFrame], None]) -> None:
         """Refuse: mirrors measure nothing."""
         raise HardwareRefusal(f"{self._link.identity} has no Bell analysers")
+
+    async def emit(self, port: int, emission: Emission) -> None:
+        """Refuse: mirrors make no light."""
+        raise HardwareRefusal(f"{self._link.identity} has no source of pairs at port {port}")
 
     async def watch(self, on_condition: Callable[[Condition], None]) -> None:
         """Report the condition at once and after each change; raise HardwareFault at the end.

@@ -25,7 +25,7 @@ from qswitch_agent.hardware.optics import (
 from qswitch_agent.timeouts import CALL_DEADLINE_S
 from wire import dispatcher_pb2 as messages
 from wire import dispatcher_service
-from wire.analyser_frames import AnalyserFrame, End, MemoryCounts
+from wire.analyser_frames import AnalyserFrame, Emission, End, MemoryCounts
 from wire.dispatcher_pb2 import CrossConnectOutcome, CrossConnectRequest
 from wire.dispatcher_service import cross_connects_socket
 from wire.malformed import MalformedPacket
@@ -80,6 +80,7 @@ class DispatcherLink:
 REFUSALS = (
     grpc.StatusCode.INVALID_ARGUMENT,
     grpc.StatusCode.NOT_FOUND,
+    grpc.StatusCode.ALREADY_EXISTS,
     grpc.StatusCode.FAILED_PRECONDITION,
     grpc.StatusCode.RESOURCE_EXHAUSTED,
 )
@@ -111,6 +112,11 @@ class SimulatedSwitch:
             "/qmn.Dispatcher/TunePort",
             request_serializer=messages.TunePortRequest.SerializeToString,
             response_deserializer=messages.TunePortReply.FromString,
+        )
+        self._emit = self._channel.unary_unary(
+            "/qmn.Dispatcher/Emit",
+            request_serializer=messages.EmitRequest.SerializeToString,
+            response_deserializer=messages.EmitReply.FromString,
         )
         self._statistics = self._channel.unary_unary(
             "/qmn.Dispatcher/SwitchStatistics",
@@ -218,6 +224,19 @@ class SimulatedSwitch:
         finally:
             call.cancel()
         raise HardwareFault(f"dispatcher at {self._socket} no longer reports outcomes of analysers")
+
+    async def emit(self, port: int, emission: Emission) -> None:
+        request = messages.EmitRequest(
+            switch=self._switch,
+            port=port,
+            session=emission.session,
+            number=emission.number,
+            count=emission.pairs,
+            rate_hz=emission.rate_hz,
+            frequency_mhz=emission.frequency_mhz,
+        )
+        call = self._emit(request, timeout=CALL_DEADLINE_S, metadata=self._metadata)
+        await self._answer(call)
 
     async def close(self) -> None:
         self._cross_connects.close()

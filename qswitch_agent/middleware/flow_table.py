@@ -15,7 +15,7 @@ from qswitch_agent.openflow import flows, matches, refusals
 from qswitch_agent.openflow.flow_reports import REMOVED, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry, FlowMod
 from qswitch_agent.openflow.instructions import Mark
-from wire.parameters.switch import FIRST_MEMORY_PORT
+from wire.parameters.switch import Kind, inner_port
 
 ALL_TABLES = (0, ofp.OFPTT_ALL)
 UNMARKED = 1 << 31  # circuits of entries that came past the agent
@@ -33,10 +33,13 @@ class FlowTable:
     """The entries of table 0, which fibres are whole, and what is stuck."""
 
     def __init__(self, fiber_ports: Iterable[int], inner_ports: Iterable[int] = ()) -> None:
-        """Light comes from fibres and memories, and goes to fibres and to inner ports."""
+        """Light comes from fibres, memories and sources, and goes to fibres and to inner ports."""
         self.fibers, self.inner = frozenset(fiber_ports), frozenset(inner_ports)
-        self.memories = frozenset(port for port in self.inner if port >= FIRST_MEMORY_PORT)
-        self.inputs, self.outputs = self.fibers | self.memories, self.fibers | self.inner
+        kinds = {port: inner_port(port).kind for port in self.inner}
+        self.sources = frozenset(port for port, kind in kinds.items() if kind == Kind.SOURCE)
+        self.inputs = self.fibers | {p for p, kind in kinds.items() if kind != Kind.ANALYSER}
+        self.light = self.fibers | self.inner  # where no packets go
+        self.outputs = self.light - self.sources
         self.stuck: frozenset[tuple[int, int]] = frozenset()  # that cannot be changed
         self._cut: set[int] = set()
         self._entries: dict[tuple[int, bytes], FlowEntry] = {}
@@ -76,7 +79,7 @@ class FlowTable:
 
     def set_fiber(self, port: int, whole: bool) -> bool:
         """Note whether the fibre at a port is whole; tell whether that is news."""
-        if port not in self.outputs or whole != (port in self._cut):
+        if port not in self.light or whole != (port in self._cut):
             return False
         self._cut ^= {port}
         return True

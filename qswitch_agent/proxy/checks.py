@@ -5,8 +5,8 @@ The limits of light: a FLOW_MOD may ask for nothing beyond them.
 Light carries no headers and cannot be copied: a light entry matches one fibre port, or a memory's,
 and nothing else, in table 0, and sends what comes in there to one other fibre port, to an inner
 port of the switch, or nowhere.
-On a fibre's supervisory channel LLDP passes, and only to the controller. A memory's own frames are
-packets, which match its port and their type.
+On a fibre's supervisory channel LLDP passes, and only to the controller. Frames of an inner port
+are packets, which match the port and their type.
 """
 
 from collections.abc import Callable, Iterable
@@ -21,7 +21,7 @@ from qswitch_agent.openflow.refusals import Refusal
 from qswitch_agent.proxy.bundles import Tunings
 from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch
-from wire.analyser_frames import ETHER_TYPE
+from wire.analyser_frames import ETHER_TYPE, HERALDS
 from wire.parameters.switch import FIRST_INNER_PORT
 
 MODIFYING = (ofp.OFPFC_MODIFY, ofp.OFPFC_MODIFY_STRICT)
@@ -44,9 +44,9 @@ def is_light(mod: FlowMod, table: FlowTable) -> bool:
             "in_port cannot be matched by some of its bits",
         )
     in_port, outputs = matches.in_port(mod.fields), table.outputs
-    frames = in_port in table.memories and matches.is_of_type(mod.fields, ETHER_TYPE)
-    if in_port not in table.inputs or frames:
-        _require_classical(mod.instructions.outputs, outputs)
+    frames = any(matches.is_of_type(mod.fields, kind) for kind in (ETHER_TYPE, HERALDS))
+    if in_port not in table.inputs or (frames and in_port in table.inner):
+        _require_classical(mod.instructions.outputs, table.light)
         return False
     if in_port in table.fibers and matches.is_of_type(mod.fields, matches.LLDP):
         _require_supervisory(mod.instructions)
@@ -187,7 +187,7 @@ def require_no_light(group_mod: bytes, switch: Switch) -> None:
     if switch.optical_alone and packets.command(group_mod) == ofp.OFPGC_ADD:
         reason = "light has no groups"
         raise refusals.out_of_groups(reason)
-    require_no_fiber(packets.group_outputs(group_mod), switch.outputs)
+    require_no_fiber(packets.group_outputs(group_mod), switch.light_ports)
 
 
 def require_meters(meter_mod: bytes, switch: Switch) -> None:

@@ -123,7 +123,7 @@ class Replies:
 
     def _ports(self, message: bytes) -> bytes:
         described = ports.described_ports(message)
-        light = self._switch.outputs
+        light = self._switch.light_ports
         if not any(port.number in light for port in described):
             return message
         shown = [self._switch.shown(port) if port.number in light else port for port in described]
@@ -131,14 +131,14 @@ class Replies:
 
     async def _port_statistics(self, message: bytes) -> bytes:
         statistics = ports.port_statistics(message)
-        if not any(port.number in self._switch.outputs for port in statistics):
+        if not any(port.number in self._switch.light_ports for port in statistics):
             return message
         readings = await self._switch.read()
         parts = [self._photons(port, readings).encode() for port in statistics]
         return messages.rebuilt(message, parts)
 
     def _photons(self, port: ports.PortStatistics, readings: Readings) -> ports.PortStatistics:
-        if port.number not in self._switch.outputs:
+        if port.number not in self._switch.light_ports:
             return port
         reading = readings.ports.get(port.number)
         if reading is None or not readings.counts_photons:

@@ -29,6 +29,7 @@ from qswitch_agent.proxy.checks import (
 )
 from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch, circuits, impossible_path
+from wire.analyser_frames import Emission
 from wire.malformed import MalformedPacket
 from wire.optical import ANALYSER_COUNTS, MEMORY_COUNTS, PATH_OPTICS, encode_path_optics
 
@@ -255,6 +256,9 @@ class Requests:
 
     async def _packet_out(self, message: bytes) -> None:
         packet = PacketOut.decode(message)
+        if self._switch.paths.table.sources.intersection(packet.outputs):
+            await self._emit(packet)
+            return
         if inner := self._switch.inner.intersection(packet.outputs):
             raise refusals.bad_out_port(f"no packet goes into the inner port {min(inner)}")
         fibers = self._switch.fibers.intersection(packet.outputs)
@@ -267,6 +271,17 @@ class Requests:
             )
         require_not_slave(self._link, "PACKET_OUT")
         self._switch.send_lldp(packet.outputs[0], packet.frame)
+
+    async def _emit(self, packet: PacketOut) -> None:
+        """Have a source make the pairs that a frame into its port asks for."""
+        require_not_slave(self._link, "PACKET_OUT")
+        if len(packet.actions) > 1:
+            raise refusals.bad_out_port("into the port of a source goes one frame, and no further")
+        emission = Emission.decode(packet.frame)
+        try:
+            await self._switch.hardware.emit(packet.outputs[0], emission)
+        except HardwareRefusal as refusal:
+            raise refusals.bad_out_port(str(refusal)) from refusal
 
     async def _multipart(self, message: bytes) -> None:
         kind, xid = messages.multipart_type(message), transaction_id(message)

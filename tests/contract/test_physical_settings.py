@@ -155,7 +155,7 @@ def test_a_fibre_of_two_channels_has_two_pairs_of_ports() -> None:
 @pytest.mark.parametrize("setting", SWITCH)
 def test_a_setting_of_a_switch_comes_to_the_dispatcher(setting: str) -> None:
     value = another(SWITCH[setting])
-    agent = {f"q1.{setting}": value} if setting in ("analysers", "memories") else {}
+    agent = {f"q1.{setting}": value} if setting in ("analysers", "memories", "sources") else {}
     for place in ("", "q1."):
         told = changes(["--switch", f"{place}{setting}={text(value)}"])
         assert told == {f"dispatcher.switches.0.{setting}": value, **agent}, place

@@ -51,6 +51,7 @@ from wire.analyser_frames import (
     BROADCAST,
     AnalyserCounts,
     AnalyserFrame,
+    Emission,
     End,
     MemoryCounts,
     decode_counts,
@@ -279,6 +280,12 @@ FORMATS: dict[str, Target] = {
         ],
         AnalyserFrame.decode,
         lambda frame: frame.encode(BROADCAST, bytes(6)),
+        canonical=False,  # addresses
+    ),
+    "emission": Target(
+        [Emission(7, 3, 100, 50_000_000, 193_400_000).encode()],
+        Emission.decode,
+        lambda emission: emission.encode(),
         canonical=False,  # addresses
     ),
     "analyser counts": Target(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from typing import NamedTuple
 
+from wire.features import EMIT
 from wire.outcomes import PAULIS
 from wire.parameters.physics import (
     BadParameter,
@@ -16,6 +17,7 @@ from wire.parameters.physics import (
     Device,
     Gates,
     Memory,
+    PairSource,
     check,
     parameter,
 )
@@ -25,9 +27,9 @@ LOSS_DB = (0.0, 100.0)
 FREQUENCY_MHZ = (1, 2**32 - 1)
 ROTATIONS = (0, len(PAULIS) - 1, ", ".join(PAULIS))
 # OpenFlow numbers of ports inside a switch, where no fibre ends.
-FIRST_INNER_PORT, FIRST_MEMORY_PORT = 60_001, 61_001
-MOST_ANALYSERS, MOST_MEMORIES = 64, 256
-INPUTS = 2  # of an analyser: one for each photon of a pair
+FIRST_INNER_PORT, FIRST_MEMORY_PORT, FIRST_SOURCE_PORT = 60_001, 61_001, 62_001
+MOST_ANALYSERS, MOST_MEMORIES, MOST_SOURCES = 64, 256, 64
+HALVES = 2  # of a pair: an analyser has an input for each, a source an output
 
 
 class Kind(IntEnum):
@@ -35,6 +37,7 @@ class Kind(IntEnum):
 
     ANALYSER = 1
     MEMORY = 2
+    SOURCE = 3
 
 
 class InnerPort(NamedTuple):
@@ -42,7 +45,7 @@ class InnerPort(NamedTuple):
 
     kind: Kind
     number: int  # of the part, of all of its kind, from 1
-    which: int  # input of an analyser, from 1; 0: of a memory
+    which: int  # input of an analyser, or half of a source's pairs, from 1; 0: of a memory
 
     def node(self, switch: str) -> str:
         """Return the name of the node that the part is to light."""
@@ -52,7 +55,8 @@ class InnerPort(NamedTuple):
         """Return the name of the port."""
         if self.kind == Kind.MEMORY:
             return self.node(switch)
-        return f"{switch}-bell{self.number}{' ab'[self.which]}"
+        part = "bell" if self.kind == Kind.ANALYSER else "pair"
+        return f"{switch}-{part}{self.number}{' ab'[self.which]}"
 
 
 @dataclass(frozen=True)
@@ -95,6 +99,8 @@ class QuantumSwitch:
     gates: Gates = field(default_factory=Gates)
     memories: int = parameter(0, 0, MOST_MEMORIES)  # quantum memories, each with an inner port
     memory: Memory = field(default_factory=Memory)  # what all of them are like
+    sources: int = parameter(0, 0, MOST_SOURCES)  # of pairs, each with two inner ports
+    source: PairSource = field(default_factory=PairSource)  # what all of them are like
 
     @property
     def analyser_device(self) -> Device:
@@ -104,7 +110,7 @@ class QuantumSwitch:
     @property
     def inner_ports(self) -> dict[int, InnerPort]:
         """Parts of the switch by the number of their ports."""
-        return inner_ports(self.analysers, self.memories)
+        return inner_ports(self.analysers, self.memories, self.sources)
 
     @property
     def inner_devices(self) -> dict[str, Device]:
@@ -112,6 +118,7 @@ class QuantumSwitch:
         devices = {
             Kind.ANALYSER: self.analyser_device,
             Kind.MEMORY: replace(Device(), memory=self.memory),
+            Kind.SOURCE: replace(Device(), source=self.source),
         }
         return {port.node(self.name): devices[port.kind] for port in self.inner_ports.values()}
 
@@ -131,6 +138,7 @@ class QuantumSwitch:
                 "give analysers=1 or more, too"
             )
         self._check_memories()
+        self._check_sources()
         if self.min_frequency_mhz > self.max_frequency_mhz:
             raise BadParameter(
                 f"{self.name}: min_frequency_mhz {self.min_frequency_mhz} is above "
@@ -160,6 +168,17 @@ class QuantumSwitch:
                 "and false_herald out, and take a capacity of 1 or more"
             )
 
+    def _check_sources(self) -> None:
+        """Raise BadParameter for sources that no switch has."""
+        device, where = replace(Device(), source=self.source), f"{self.name}, sources"
+        device.check(where)
+        if not self.sources and device != Device():
+            raise BadParameter(
+                f"{self.name}: source without sources has no effect; give sources=1 or more, too"
+            )
+        if device.noises or EMIT not in device.features:
+            raise BadParameter(f"{where} make pairs, and have no noise models of one's own")
+
     def check_ports(self, ports: Collection[int]) -> None:
         """Raise BadParameter for a path whose ports no fibre ends in."""
         for path in self.paths:
@@ -175,17 +194,24 @@ class QuantumSwitch:
         return f"{self.name}, path {path.in_port} -> {path.out_port}"
 
 
-def inner_ports(analysers: int, memories: int = 0) -> dict[int, InnerPort]:
+def inner_ports(analysers: int, memories: int = 0, sources: int = 0) -> dict[int, InnerPort]:
     """Return parts of a switch by the number of their ports."""
-    inputs = {
-        FIRST_INNER_PORT + place: InnerPort(Kind.ANALYSER, place // INPUTS + 1, place % INPUTS + 1)
-        for place in range(INPUTS * analysers)
-    }
-    return inputs | {
-        FIRST_MEMORY_PORT + place: InnerPort(Kind.MEMORY, place + 1, 0) for place in range(memories)
-    }
+    numbers = [FIRST_INNER_PORT + place for place in range(HALVES * analysers)]
+    numbers += [FIRST_MEMORY_PORT + place for place in range(memories)]
+    numbers += [FIRST_SOURCE_PORT + place for place in range(HALVES * sources)]
+    return {number: inner_port(number) for number in numbers}
+
+
+def inner_port(number: int) -> InnerPort:
+    """Return what a port leads to, by its number from FIRST_INNER_PORT on."""
+    if FIRST_MEMORY_PORT <= number < FIRST_SOURCE_PORT:
+        return InnerPort(Kind.MEMORY, number - FIRST_MEMORY_PORT + 1, 0)
+    source = number >= FIRST_SOURCE_PORT
+    kind, first = (Kind.SOURCE, FIRST_SOURCE_PORT) if source else (Kind.ANALYSER, FIRST_INNER_PORT)
+    place = number - first
+    return InnerPort(kind, place // HALVES + 1, place % HALVES + 1)
 
 
 OPTICS = frozenset(each.name for each in fields(QuantumSwitch)) - {"name"}  # what can be set
 # Of these, by topologies alone.
-COMPOUND = frozenset({"paths", "analyser", "detectors", "gates", "memory"})
+COMPOUND = frozenset({"paths", "analyser", "detectors", "gates", "memory", "source"})

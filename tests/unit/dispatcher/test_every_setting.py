@@ -36,7 +36,8 @@ ELSEWHERE = {  # settings that no single job of hosts feels, and what tries them
         "of a switch that measures: test_switch_analysers.py",
     ),
     **dict.fromkeys(
-        ("switch.memories", "switch.memory"), "of a switch that stores: test_switch_memories.py"
+        ("switch.memories", "switch.memory", "switch.sources", "switch.source"),
+        "of a switch that stores and emits: test_switch_memories.py",
     ),
     "switch.min_power_dbm": "bounds what a port is tuned to: test_switch_requests.py",
 }

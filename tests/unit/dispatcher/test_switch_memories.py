@@ -6,14 +6,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import grpc
 import numpy as np
 import pytest
 import uvloop
-from dispatcher_network import FAST_HZ, block, configuration, running
+from dispatcher_network import FAST_HZ, Bench, block, configuration, running
 from test_switch_analysers import PAIRS, PatientClock, Scene, correlated
 
-from wire.dispatcher_pb2 import BellOutcomes, MeasureRequest
-from wire.parameters.physics import BadParameter, Memory
+from wire.dispatcher_pb2 import BellOutcomes, EmitRequest, MeasureRequest
+from wire.parameters.physics import BadParameter, Device, Memory, PairSource
 from wire.parameters.switch import QuantumSwitch
 
 FIRST, SECOND, ONE, TWO = 60_001, 60_002, 61_001, 61_002
@@ -40,6 +41,14 @@ def play(folder: Path, act: Callable[[Scene], Awaitable[None]], **memory: Any) -
     uvloop.run(run())
 
 
+async def require_stored(scene: Scene, *ports: int) -> None:
+    """Read the heralds of blocks that memories hold, in this order."""
+    for port in ports:
+        report = await scene.report()
+        assert (report.port, report.end) == (port, BellOutcomes.STORED)
+        assert report.outcomes == bytes(PAIRS)
+
+
 async def states(scene: Scene) -> list[tuple[int, ...]]:
     """Return what is held, stored, released, cut off and refused at each memory."""
     found = (await scene.bench.switch.statistics()).memories
@@ -61,6 +70,7 @@ def agreement(folder: Path, basis: Any, wait_s: float, **memory: Any) -> tuple[f
     async def act(scene: Scene) -> None:
         await scene.bench.switch.connect(*STORING)
         await scene.emit_both()
+        await require_stored(scene, ONE, TWO)
         assert await states(scene) == [(PAIRS, PAIRS, 0, 0, 0)] * 2
         came_ns = [b.start_ns for n in (1, 2) for b in at(scene, n)]
         scene.clock.time_ns = sum(came_ns) // 2 + round(wait_s * 1e9)  # the sum is twice the wait
@@ -103,6 +113,7 @@ def test_the_first_half_waits_in_memory_for_the_second_which_need_not_wait(tmp_p
         await scene.bench.switch.connect((3, ONE), (ONE, FIRST), (4, SECOND))
         await scene.emit(scene.bench.alice, "alice-q0", 0)
         (first,) = at(scene, 1)
+        await require_stored(scene, ONE)
         scene.clock.time_ns = first.start_ns + round((wait_s - TRAIN_S) * 1e9)
         await scene.emit(scene.bench.bob, "bob-q0", 1)
         outcomes = await swapped(scene)
@@ -120,6 +131,7 @@ def test_blocks_leave_in_the_order_in_which_they_came(tmp_path: Path) -> None:
             await scene.emit(scene.bench.alice, "alice-q0", number)
         assert await states(scene) == [(2 * PAIRS, 2 * PAIRS, 0, 0, 0), (0, 0, 0, 0, 0)]
         await scene.emit(scene.bench.bob, "bob-q0", 1)
+        await require_stored(scene, ONE, ONE, TWO)
         assert await correlated(scene, await swapped(scene), MeasureRequest.X) == 1
         assert (await states(scene))[0] == (PAIRS, 2 * PAIRS, PAIRS, 0, 0)
         await scene.bench.switch.connect(*STORING, (ONE, 4))  # to bob, whole
@@ -134,14 +146,58 @@ def test_light_that_nothing_releases_or_that_finds_no_room_ends_by_name(tmp_path
         await scene.bench.switch.connect(*STORING)
         await scene.emit(scene.bench.alice, "alice-q0", 0)
         await scene.emit(scene.bench.alice, "alice-q0", 2)
+        await require_stored(scene, ONE)
         report = await scene.report()
         assert (report.port, report.end, report.photons) == (ONE, BellOutcomes.UNFIT, PAIRS)
         scene.clock.over.set()
         report = await scene.report()
-        assert (report.port, report.end, report.number) == (ONE, BellOutcomes.CUT_OFF, 2)
+        assert (report.port, report.end, report.number) == (ONE, BellOutcomes.CUT_OFF, 3)
         assert (await states(scene))[0] == (0, PAIRS, 0, PAIRS, PAIRS)
 
     play(tmp_path, act, capacity=PAIRS + 1)
+
+
+def test_pairs_of_a_switch_join_the_halves_of_two_hosts(tmp_path: Path) -> None:
+    # Three Werner links: (4 F - 1)/3 = w^3, and Werner pairs agree with (2 F + 1)/3.
+    werner, found = 0.9, list[float]()
+    source = PairSource(fidelity=werner)
+
+    async def run() -> None:
+        parts = {"analysers": 2, "memories": 4, "sources": 1, "source": source}
+        hosts = dict.fromkeys(("alice", "bob"), Device(source=source))
+        config = configuration(tmp_path, switches=[QuantumSwitch("q1", **parts)], devices=hosts)
+        async with running(config, PatientClock()) as bench:
+            scene = Scene(bench, PatientClock())
+            await scene.reports.initial_metadata()
+            memories = ONE, TWO, 61_003, 61_004
+            inputs = FIRST, SECOND, 60_003, 60_004
+            fed = (3, ONE), (62_001, TWO), (62_002, 61_003), (4, 61_004)
+            await bench.switch.connect(*fed, *zip(memories, inputs, strict=True))
+            await scene.emit_both()
+            await emit(bench, session=8, number=1)
+            await bench.transport.landed()
+            reports = [await scene.report() for _ in range(6)]
+            first, second = (
+                np.frombuffer(each.outcomes, np.uint8)
+                for each in reports
+                if each.end == BellOutcomes.MEASURED
+            )
+            for wrong in ({"port": ONE}, {"rate_hz": 0}):
+                with pytest.raises(grpc.aio.AioRpcError):
+                    await emit(bench, session=8, number=2, **wrong)
+            found.append(await correlated(scene, first ^ second, MeasureRequest.Y))
+            await scene.require_empty()
+
+    uvloop.run(run())
+    fidelity = (1 + 3 * ((4 * werner - 1) / 3) ** 3) / 4
+    expected = (2 * fidelity + 1) / 3
+    assert abs(found[0] - expected) < 5 * math.sqrt(expected * (1 - expected) / PAIRS)
+
+
+async def emit(bench: Bench, **request: int) -> None:
+    """Have the source of q1 emit."""
+    fields = {"port": 62_002, "count": PAIRS, "rate_hz": FAST_HZ, **request}
+    await bench.switch.call("Emit", EmitRequest(switch="q1", **fields))
 
 
 def test_memories_that_no_switch_has_are_refused() -> None:
@@ -152,3 +208,7 @@ def test_memories_that_no_switch_has_are_refused() -> None:
             QuantumSwitch("q1", memories=1, memory=wrong).check()
     with pytest.raises(BadParameter, match="memories have no noise models of one's own"):
         QuantumSwitch("q1", memories=1, memory=Memory(noise="mine.py:Mine")).check()
+    with pytest.raises(BadParameter, match="source without sources has no effect; give sources=1"):
+        QuantumSwitch("q1", source=PairSource(fidelity=0.9)).check()
+    with pytest.raises(BadParameter, match="q1, sources make pairs"):
+        QuantumSwitch("q1", sources=1, source=PairSource(statistics="none")).check()

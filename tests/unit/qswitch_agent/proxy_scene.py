@@ -33,7 +33,7 @@ from qswitch_agent.proxy import proxy as proxy_module
 from qswitch_agent.proxy.proxy import Proxy
 from qswitch_agent.switch import Switch
 from topologies.system.runs.runtime import free_port
-from wire.analyser_frames import AnalyserFrame
+from wire.analyser_frames import AnalyserFrame, Emission
 
 TUNING = Tuning(191_350_000, 196_100_000, 50_000, -20.0, 0.0)
 CONDITION = Condition(TUNING, optics.Path(0.5, 1))
@@ -50,6 +50,7 @@ class Optics:
     def __init__(self) -> None:
         self.calls: list[set[CrossConnect]] = []
         self.made: set[CrossConnect] = set()
+        self.emitted: list[tuple[int, Emission]] = []
         self.tuned: list[tuple[int, int | None, float | None, Direction]] = []
         self.failure: Exception | None = None
         self.refused: set[tuple[int, int]] = set()  # paths; a set with one of them is refused
@@ -95,6 +96,9 @@ class Optics:
     async def watch_analysers(self, _on_report: Callable[[AnalyserFrame], None]) -> None:
         """Report nothing: it has none."""
         await asyncio.Event().wait()
+
+    async def emit(self, port: int, emission: Emission) -> None:
+        self.emitted.append((port, emission))
 
     async def close(self) -> None:
         """Close nothing."""

@@ -3,15 +3,17 @@
 from dataclasses import replace
 
 import openflow_messages as of
-from openflow_messages import port
+from openflow_messages import FIBERS, port
 from os_ken.ofproto import ofproto_v1_4 as ofp
+from os_ken.ofproto import ofproto_v1_4_parser as parser
 from proxy_scene import play, stage
 
 from qswitch_agent.inner_ports import InnerPorts
+from qswitch_agent.middleware.flow_table import FlowTable
 from qswitch_agent.openflow import messages, packets
 from qswitch_agent.openflow.messages import Framer
 from wire import optical
-from wire.analyser_frames import AnalyserCounts, AnalyserFrame, End, decode_counts
+from wire.analyser_frames import AnalyserCounts, AnalyserFrame, Emission, End, decode_counts
 from wire.parameters.switch import inner_ports
 
 OUTCOMES = bytes([0, 1, 2, 3, 255, 255])
@@ -49,5 +51,23 @@ def test_counts_are_told_to_who_asks_for_them() -> None:
                 AnalyserCounts(60_001, closed=1),
                 AnalyserCounts(60_003, 6, 1, 1, 1, 1, none=2),
             ]
+
+    play(scene())
+
+
+def test_a_frame_into_a_source_has_it_emit() -> None:
+    emission = Emission(7, 1, 100, 50_000_000, 193_400_000)
+
+    async def scene() -> None:
+        async with stage() as now:
+            now.switch.paths.table = FlowTable(FIBERS, [62_001, 62_002])
+            now.controller.says(of.packet_out(emission.encode(), 62_002))
+            for wrong in (
+                of.packet_out(of.PING, 62_001),
+                of.packet_out(emission.encode(), 62_001, 1),
+            ):
+                now.controller.says(wrong)
+                assert isinstance(of.decoded(await now.controller.next()), parser.OFPErrorMsg)
+            assert now.optics.emitted == [(62_002, emission)]
 
     play(scene())

@@ -148,14 +148,18 @@ def test_what_is_no_light_passes(case: str) -> None:
 
 
 def test_inner_ports_take_light_and_no_packets() -> None:
-    table = FlowTable(FIBERS, [60_001, 60_002, 61_001])
-    for in_port, output in ((1, 60_001), (1, 61_001), (61_001, 60_001), (61_001, 1)):
+    table = FlowTable(FIBERS, [60_001, 60_002, 61_001, 62_001])
+    paths = (1, 60_001), (1, 61_001), (61_001, 60_001), (61_001, 1), (62_001, 1), (62_001, 61_001)
+    for in_port, output in paths:
         assert is_light(of.mod({"in_port": in_port}, of.outputs(output)), table)
     outcomes = of.actions(REWRITE, parser.OFPActionOutput(CLASSICAL))
     for fields in ({"in_port": 60_001}, {"in_port": 61_001, "eth_type": 0x88B5}):
         assert not is_light(of.mod(fields, outcomes), table)
         with pytest.raises(Refusal, match="packets cannot go into the inner port 60002"):
             is_light(of.mod(fields, of.outputs(60_002)), table)
+    for in_port in (1, CLASSICAL):
+        with pytest.raises(Refusal, match=r"62001|0xf231"):
+            is_light(of.mod({"in_port": in_port}, of.outputs(62_001)), table)
     for fields in ({"in_port": 61_001, "eth_type": 0x88CC}, {"in_port": 61_001, "eth_type": 0x800}):
         with pytest.raises(Refusal, match="light of port 61001 carries no headers"):
             is_light(of.mod(fields, of.outputs(CLASSICAL)), table)

@@ -9,6 +9,7 @@ from wire.analyser_frames import (
     MOST_OUTCOMES,
     AnalyserCounts,
     AnalyserFrame,
+    Emission,
     End,
     decode_counts,
     frames_of,
@@ -22,9 +23,10 @@ SENDER = bytes.fromhex("020000000001")
 FRAME = AnalyserFrame(60_001, 7, End.MEASURED, 5, 0, bytes([0, 1, 2, 3, 255]))
 BYTES = FRAME.encode(BROADCAST, SENDER)
 ALONE = AnalyserFrame(60_003, 1, End.NO_PARTNER, 9)
+STORED = AnalyserFrame(61_002, 3, End.STORED, 3, 0, bytes([0, 255, 0]))
 
 
-@pytest.mark.parametrize("frame", [FRAME, ALONE])
+@pytest.mark.parametrize("frame", [FRAME, ALONE, STORED])
 def test_a_frame_is_read_as_it_was_written(frame: AnalyserFrame) -> None:
     data = frame.encode(BROADCAST, SENDER)
     assert AnalyserFrame.decode(data) == frame
@@ -51,8 +53,10 @@ def test_a_long_block_is_told_in_frames_that_ethernet_carries() -> None:
     [
         (12, 0x08),  # another EtherType
         (14, 0),  # another magic
-        (18, 5),  # an end that there is not
+        (18, 6),  # an end that there is not
         (18, 1),  # no partner, but outcomes
+        (18, 5),  # stored, but of another type
+        (13, 0xB6),  # a herald of what was measured
         (19, 1),  # where 0 is
         (21, 0),  # no outcomes of light that was measured
         (21, 6),  # more outcomes than pulses
@@ -97,3 +101,14 @@ def test_the_description_of_an_inner_port_is_padded() -> None:
         "ffff003400514d4e000000010002000000000003"  # 52 bytes, of kind 2, the third
         "000000090007a120000000003b9aca000000000077359400ffffffffffffffff00000000"
     )
+
+
+def test_what_a_source_emits_by_is_read_as_written_and_hostile_bytes_are_refused() -> None:
+    emission = Emission(7, 3, 100, 50_000_000, 193_400_000)
+    data = emission.encode()
+    assert (Emission.decode(data), len(data)) == (emission, 14 + LEAST_PAYLOAD)
+    for place in (12, 14, 42, 59):
+        with pytest.raises(MalformedPacket):
+            Emission.decode(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
+    with pytest.raises(MalformedPacket):
+        Emission.decode(data[:-1])
