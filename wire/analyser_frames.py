@@ -55,6 +55,11 @@ class End(IntEnum):
 WITH_OUTCOMES = End.MEASURED, End.STORED
 
 
+def group_of(session: int) -> bytes:
+    """Return the address of the hosts of a session: of a group, administered locally."""
+    return b"\x03" + (session & (1 << 40) - 1).to_bytes(5)
+
+
 def port_description(port: InnerPort, memory: Memory) -> bytes:
     """Return the experimenter's property of an inner port, with what a memory is like."""
     parameters = b""

@@ -172,10 +172,15 @@ class Fibers:
         self._reports.pop(dpid, None)
         self._links.switch_left(dpid)
         self.network.optics.forget_switch(dpid)
+        self.network.inner.pop(dpid, None)
 
     def _port_is(self, datapath: Datapath, port: Any, whole: bool, now: float) -> bool:
         at = SwitchPort(datapath.id, port.port_no)
-        if port.port_no > ofproto.OFPP_MAX or optical_messages.is_inner(port):
+        if port.port_no > ofproto.OFPP_MAX:
+            return False
+        if optical_messages.is_inner(port):
+            others = self.network.inner.get(at.dpid, frozenset()) - {at.port}
+            self.network.inner[at.dpid] = others | ({at.port} if whole else frozenset())
             return False
         optics = optical_messages.port_optics(port)
         if optics is not None:

@@ -13,8 +13,10 @@ from controller_apps.openflow.framework import Datapath, ofproto, parser
 from controller_apps.openflow.optical_messages import is_fiber, is_inner
 from controller_apps.packets.datagrams import IP_UDP, is_udp
 from controller_apps.packets.segments import ACK, FIN, IP_TCP, PSH, RST, SYN, FiveTuple
+from wire.analyser_frames import ETHER_TYPE, HERALDS, group_of
 from wire.device import DEVICE_PORT
 from wire.metadata.header import METADATA_PORT, QUANTUM_SWITCHES
+from wire.parameters.switch import INNER_PORTS, Kind, inner_port
 
 FILTER_TABLE, METADATA_TABLE, LEARNING_TABLE, COPY_TABLE = 0, 1, 2, 3
 COPY_METER, COPIES_PER_S = 1, 2000  # as many as come to the controller itself (SHARES of nodes)
@@ -27,6 +29,7 @@ LLDP_PRIORITY = 65000
 LEARNING_PRIORITY = 1
 ENTRIES_PER_BARRIER = 100
 ETH_TYPE_IPV4, ETH_TYPE_LLDP = 0x0800, 0x88CC
+ETH_TYPE_OUTCOMES, ETH_TYPE_HERALDS = (int.from_bytes(kind) for kind in (ETHER_TYPE, HERALDS))
 VLAN_TAGS = 0x8100, 0x88A8  # IEEE 802.1Q, of customers and of services
 ALL_BITS = (1 << 64) - 1
 TO_METADATA_PORT = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_TCP, "tcp_dst": METADATA_PORT}
@@ -183,9 +186,43 @@ def classical_entries(datapath: Datapath) -> list[Any]:
     if not any(map(is_fiber, ports)):  # nothing tells which are fibres
         return []
     classical = [port.port_no for port in ports if not (is_fiber(port) or is_inner(port))]
-    return [
+    learned = [
         add(datapath, 0, LEARNING_PRIORITY, {"in_port": port}, to_learning()) for port in classical
     ]
+    passed = [  # of other switches, without a question to the controller
+        add(
+            datapath,
+            0,
+            LEARNING_PRIORITY + 1,
+            {"in_port": port, "eth_type": ETH_TYPE_OUTCOMES},
+            output(*_others(classical, port)),
+        )
+        for port in classical
+    ]
+    return [*learned, *passed]
+
+
+def inner_frames(datapath: Datapath, hops: Iterable[Hop], session: int) -> list[Any]:
+    """Return what sends frames of inner ports to a session's hosts, and memories' heralds up."""
+    to_hosts = _apply([parser.OFPActionSetField(eth_dst=group_of(session).hex(":"))])
+    to_hosts.actions += _outputs([ofproto.OFPP_FLOOD])
+    entries = []
+    for port in sorted({hop.out_port for hop in hops if hop.out_port in INNER_PORTS}):
+        kinds = {ETH_TYPE_OUTCOMES: to_hosts}
+        if inner_port(port).kind == Kind.MEMORY:
+            kinds[ETH_TYPE_HERALDS] = to_controller()
+        entries += [
+            add(
+                datapath,
+                LIGHT_TABLE,
+                METADATA_PRIORITY,
+                {"in_port": port, "eth_type": kind},
+                instruction,
+                cookie=session,
+            )
+            for kind, instruction in kinds.items()
+        ]
+    return entries
 
 
 def copy_entries(datapath: Datapath, trunks: Collection[int]) -> list[Any]:

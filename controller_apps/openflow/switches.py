@@ -22,6 +22,7 @@ from controller_apps.sessions.actions import (
     AddBypass,
     ClosePaths,
     CountBypass,
+    Emit,
     Forward,
     OpenPaths,
     RemoveBypass,
@@ -44,22 +45,22 @@ ACTION = ofproto.OFPAT_OUTPUT, 16
 XIDS = 0xFFFFFFFF
 
 
-def path_bundle(paths: OpenPaths, tuning: list[Any], xids: Iterator[int]) -> list[bytes]:
+def path_bundle(paths: OpenPaths, others: list[Any], xids: Iterator[int]) -> list[bytes]:
     """Return one bundle that changes the hops through a switch, and a barrier behind it.
 
-    `tuning` are PORT_MODs of the framework. No time-outs: light moves no packets, so an entry would
-    expire while in use.
+    `others` are messages of the framework, such as PORT_MODs. No time-outs: light moves no packets,
+    so an entry would expire while in use.
     """
     bundle = paths.transaction & XIDS
     messages = [_control(bundle, ofproto.OFPBCT_OPEN_REQUEST, next(xids))]
     for hop in paths.closed:
         xid = next(xids)
         messages.append(_member(bundle, _delete(hop, paths.session, xid), xid))
-    for port_mod in tuning:
+    for other in others:
         xid = next(xids)
-        port_mod.set_xid(xid & XIDS)
-        port_mod.serialize()
-        messages.append(_member(bundle, bytes(port_mod.buf), xid))
+        other.set_xid(xid & XIDS)
+        other.serialize()
+        messages.append(_member(bundle, bytes(other.buf), xid))
     for hop in paths.hops:
         xid = next(xids)
         messages.append(_member(bundle, _add(hop, paths.session, xid), xid))
@@ -235,6 +236,9 @@ class Switches:
                 return [flow_entries.packet_out(datapath, in_port, port, frame)]
             case OpenPaths():
                 return self._path_messages(datapath, action)
+            case Emit(_, port, emission):
+                into = ofproto.OFPP_CONTROLLER, port
+                return [flow_entries.packet_out(datapath, *into, emission.encode())]
             case ClosePaths(_, session):
                 return [flow_entries.delete_paths(datapath, session)]
             case AddBypass(_, five_tuple, session):
@@ -251,7 +255,8 @@ class Switches:
     def _path_messages(self, datapath: Datapath, action: OpenPaths) -> list[bytes]:
         ports = [port for port in action.tuned if port in datapath.ports]
         tuning = [optical_messages.tune(datapath, port, action.frequency_mhz) for port in ports]
-        messages = path_bundle(action, tuning, self._xids)
+        frames = flow_entries.inner_frames(datapath, action.hops, action.session)
+        messages = path_bundle(action, [*tuning, *frames], self._xids)
         for message in messages:
             self._transactions[action.dpid, xid_of(message)] = action.transaction
         return messages

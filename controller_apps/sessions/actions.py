@@ -8,6 +8,7 @@ from controller_apps.packets.segments import FiveTuple
 from controller_apps.policy.schedules import UNPURIFIED, Purification
 from controller_apps.sessions.holders import Ends, Holder
 from controller_apps.sessions.sessions import Chain, Request
+from wire.analyser_frames import Emission
 from wire.device import SessionQuery
 from wire.monitor_messages import GiveBack, SealOrder
 
@@ -38,6 +39,15 @@ class OpenPaths:
     closed: tuple[Hop, ...] = ()
     tuned: tuple[int, ...] = ()  # ports
     frequency_mhz: int = 0  # to which they are tuned
+
+
+@dataclass(frozen=True)
+class Emit:
+    """Have a pair source of a quantum switch, by one of its ports, make a block."""
+
+    dpid: int
+    port: int
+    emission: Emission
 
 
 @dataclass(frozen=True)
@@ -132,5 +142,5 @@ class Drop:
     at: SwitchPort  # where it arrived
 
 
-SwitchAction = Forward | OpenPaths | ClosePaths | AddBypass | RemoveBypass | CountBypass
+SwitchAction = Forward | OpenPaths | Emit | ClosePaths | AddBypass | RemoveBypass | CountBypass
 Action = SwitchAction | Keep | Forget | SwapsOrdered | Order | Note | Drop

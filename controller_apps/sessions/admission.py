@@ -8,7 +8,7 @@ from typing import NamedTuple
 from controller_apps.light.obstacles import Obstacle, mended, obstacles, text_of
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Direction, Network
-from controller_apps.light.routing import Leg, LightPath, Limits, route, why_not
+from controller_apps.light.routing import Leg, LightPath, Limits, cheapest_path, route, why_not
 from controller_apps.light.taps import CannotTap, tapped
 from controller_apps.light.waypoints import path_over
 from controller_apps.packets.segments import FiveTuple
@@ -30,6 +30,7 @@ from controller_apps.sessions.node_features import (
 )
 from controller_apps.sessions.returns import returned_on
 from controller_apps.sessions.sessions import Chain, Refusal, Session, Sessions
+from controller_apps.sessions.switch_chains import swapping
 from wire.metadata.setup import OBSTACLE_BYTES, Setup
 from wire.metadata.vocabulary import Handshake, MemoryState, Reason, Service
 from wire.optical import ANY_WAVELENGTH, DEFAULT_FREQUENCY_MHZ, frequency_mhz, wavelength_pm
@@ -203,6 +204,8 @@ class Search(NamedTuple):
         if isinstance(legs, Admission):
             return legs
         free = limits._replace(blocked=Limits().blocked)
+        if setup.service == Service.SWITCH_SWAP and setup.block:
+            return self._in_switches(limits)
         if setup.service == Service.SWAP:  # light comes with each link
             return _find_repeaters(setup, self.hosts, network, free)
         if setup.handshake == Handshake.PER_PAIR:  # light comes with each pair
@@ -214,6 +217,23 @@ class Search(NamedTuple):
         if setup.handshake == Handshake.PER_PAIR:
             return Admission()
         return Admission(paths=paths, block_pairs=block_pairs(setup, self.hosts, (), network))
+
+    def _in_switches(self, limits: Limits) -> Admission:
+        """Return the light of as many switches that swap as are wanted, or why there are not."""
+        network, count = self.network, self.setup.block
+        ends = (self.hosts[role] for role in (Role.OPENER, Role.ACCEPTOR))
+        start, end = (network.channel_ports_of(each, limits.frequency_mhz) for each in ends)
+        leg = Leg(start[0], end[0])
+        path = cheapest_path(network, leg, limits)
+        if path is None:
+            return self._no_paths([leg], None, limits)
+        found = swapping(network, path, count, limits)
+        if not isinstance(found, str):
+            return Admission(paths=found, block_pairs=self.setup.pairs)
+        free = limits._replace(blocked=Limits().blocked)
+        if isinstance(swapping(network, path, count, free), str):
+            return Admission(Reason.NO_CHAIN, detail=found, obstacle=found)
+        return Admission(Reason.BUSY, waits_for_light=True)
 
     def _legs(self, limits: Limits) -> list[Leg] | Admission:
         """Return the ports that light must connect, or why it cannot."""

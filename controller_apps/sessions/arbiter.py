@@ -62,9 +62,11 @@ from controller_apps.sessions.repairs import Expiry, Repairs
 from controller_apps.sessions.sessions import Arrival, Session, Sessions, read_setup
 from controller_apps.sessions.setups import Ordering, Setups
 from controller_apps.sessions.slots import SlotGrants
+from controller_apps.sessions.switch_chains import emissions
 from controller_apps.sessions.terms import UNFILTERED, Terms
 from controller_apps.sessions.verdicts import Verdicts
 from controller_apps.timeouts import DISCOVERY_S
+from wire.analyser_frames import AnalyserFrame
 from wire.malformed import MalformedPacket
 from wire.metadata.vocabulary import Reason
 from wire.parameters.network import ControllerSettings
@@ -138,6 +140,16 @@ class Arbiter:
             return self.copies.arrived(at, frame, now)
         except MalformedPacket as error:
             return [Drop("malformed", str(error), at)]
+
+    def stored(self, at: SwitchPort, number: int, frame: bytes) -> list[Action]:
+        """Take a memory's herald, by the number of its session."""
+        session = self.sessions.by_number.get(number)
+        if session is None or not session.open:
+            return []
+        try:
+            return [*emissions(session, at, AnalyserFrame.decode(frame))]
+        except MalformedPacket as error:
+            return [Drop("herald", str(error), at)]
 
     def _segment(self, arrival: Arrival, now: float) -> list[Action]:
         segment = arrival.segment

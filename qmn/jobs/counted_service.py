@@ -12,6 +12,7 @@ from controller_apps.policy.schedules import PARALLEL
 from hosts.middleware.services.interception.passing import SPLIT
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.middleware.services.sensing.protocol import SEPARATE, SensingOptions
+from hosts.middleware.services.switch_swap import MOST_SWITCHES, SwitchSwapOptions
 from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import ServiceOptions
@@ -22,6 +23,7 @@ from qmn.jobs.policies import scheduling_policy, tapping_policy
 from qmn.jobs.run_context import RunContext
 from qmn.jobs.stepped import with_pace
 from qmn.network.checks import FROM_TO, LINE, check_network, check_two_hosts
+from qmn.network.custom_topology import is_custom
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.felt_settings import Felt, checked_settings, everything, felt_by
 from qmn.network.light_checks import check_light
@@ -33,6 +35,8 @@ from topologies.networks.network import Signals, require_free
 from wire.features import EMIT
 from wire.parameters.checks import remedy
 from wire.parameters.physics import BEAM_SPLITTER, Device
+
+PARTS = "analysers=1", "memories=2", "sources=1"  # of a switch that swaps, for --switch
 
 
 class Length(NamedTuple):
@@ -144,6 +148,8 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     """
     if request.eve is not None:
         request = replace(request, network=eavesdropping.with_eve(request.network))
+    if isinstance(request.options, SwitchSwapOptions):
+        request = with_parts(request)
     request, network, felt = fitted(request, describe_network(request.network))
     return request, checked_settings(request.service, felt, network)
 
@@ -155,6 +161,8 @@ def fitted(
 
     Raise BadInput for what cannot be done there.
     """
+    if isinstance(request.options, SwitchSwapOptions):
+        request = replace(request, options=with_swaps(request.options, network))
     options = replace(request.options, host=network.node(request.receiver))
     request = replace(request, sender=network.node(request.sender), options=options)
     if request.service == RELAYED:
@@ -190,6 +198,20 @@ def fitted(
     options = fitting_light(request, network.parts.hosts.values())
     check_options(options, request.network.backend)
     return replace(request, options=options), network, felt
+
+
+def with_parts(request: ServiceRequest) -> ServiceRequest:
+    """Return the request with parts in all switches of a topology of ours, if it names none."""
+    network = request.network
+    if is_custom(network.topology) or any("analysers=" in word for word in network.switch):
+        return request
+    return replace(request, network=replace(network, switch=(*network.switch, *PARTS)))
+
+
+def with_swaps(options: SwitchSwapOptions, network: NetworkDescription) -> SwitchSwapOptions:
+    """Return the options with a swap in each switch that can, unless they say in how many."""
+    able = sum(optics.analysers > 0 for optics in network.parts.switches.values())
+    return replace(options, swaps=options.swaps or min(able, MOST_SWITCHES))
 
 
 def with_beam_splitter(

@@ -14,7 +14,7 @@ import networkx
 
 from qmn.network.description import NetworkDescription
 from qmn.network.light_checks import making
-from qmn.network.part_options import is_pattern
+from qmn.network.part_options import is_pattern, place_and_name
 from qmn.options import BadInput
 from topologies.description.description import Description
 from wire.features import EMIT, HERALD, INTERFERE, MEASURE, STORE
@@ -131,6 +131,8 @@ def felt_by(
         for start, end in () if separate or asked == Service.SWAP else beams(asked, by):
             light = HostBeams(frozenset({roles[start.role]}), frozenset({roles[end.role]}))
             found |= Felt({}, frozenset({light}))
+    if asked == Service.SWITCH_SWAP:  # its ends send light to switches between them
+        found |= Felt({}, frozenset({HostBeams(frozenset(hosts), frozenset(hosts))}))
     if asked == Service.SWAP:
         found |= _heralding_ends(parts, hosts) | _repeaters(parts, hosts)
     if separate:
@@ -287,7 +289,7 @@ def _check_fibers_and_switches(job: str, felt: Felt, network: NetworkDescription
         ("switch", options.switch, switches),
     ):
         for word in words:
-            place, _dot, name = word.partition("=")[0].rpartition(".")
+            place, name = place_and_name(word.partition("=")[0])
             if name == "length_km" and (not place or place in copper):
                 continue
             if place and place not in known:

@@ -68,8 +68,8 @@ class LightOptions:
     switch: tuple[str, ...] = option(
         (),
         "parameter of every quantum switch, as insertion_loss_db=1.2, or of one, as "
-        "q1.insertion_loss_db=1",
-        metavar="[NAME.]NAME=VALUE",
+        "q1.insertion_loss_db=1, or of parts, as q1.memory.t2_s=0.1 (docs/switch-swaps.md)",
+        metavar="[NAME.][PART.]NAME=VALUE",
     )
     node: tuple[str, ...] = option(
         (),

@@ -33,6 +33,12 @@ SWITCH = {
     for each in fields(QuantumSwitch)
     if each.name in SWITCH_OPTICS - COMPOUND
 } | {"preset": ""}
+SWITCH_PARTS = sorted(COMPOUND - {"paths"})
+SWITCH |= {
+    f"{part}.{name}": value
+    for part in SWITCH_PARTS
+    for name, value in vars(getattr(QuantumSwitch(""), part)).items()
+}
 
 IDEAL = asdict(Device())
 KIND_OF = {"fiber": "fibre", "switch": "quantum switch"}  # what an option is of
@@ -125,7 +131,13 @@ class PartOptions:
             if place:
                 _require(f"--switch {word}: no quantum switch", place, switches)
             for switch in [place] if place else switches:
-                switches[switch][name] = value
+                part, dot, setting = name.partition(".")
+                info = switches[switch]
+                if dot:
+                    before = info.get(part, getattr(QuantumSwitch(""), part))
+                    info[part] = replace(before, **{setting: value})
+                else:
+                    info[name] = value
 
 
 def is_pattern(word: str) -> bool:
@@ -152,14 +164,22 @@ def _said(
     """
     for word in words:
         where, equals, text = word.partition("=")
-        place, _dot, name = where.rpartition(".")
+        place, name = place_and_name(where)
         if not equals:
             raise BadTopology(
                 f"--{option} {word}: write NAME=VALUE or PLACE.NAME=VALUE, "
                 f"where NAME is of {', '.join(known)}"
             )
         check_names(f"--{option} {word}: a {KIND_OF[option]}", [name], known, BadTopology)
-        yield word, place, name, _value(f"--{option} {word}", name, text, known[name])
+        of_none = tuple if "." in name else float  # as of a host's device
+        yield word, place, name, _value(f"--{option} {word}", name, text, known[name], of_none)
+
+
+def place_and_name(where: str) -> tuple[str, str]:
+    """Return both of [PLACE.][PART.]NAME; a switch has parts."""
+    place, _dot, name = where.rpartition(".")
+    others, _dot, part = place.rpartition(".")
+    return (others, f"{part}.{name}") if part in SWITCH_PARTS else (place, name)
 
 
 def _value(where: str, name: str, text: str, default: Any, of_none: type = float) -> Any:

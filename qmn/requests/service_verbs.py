@@ -35,6 +35,11 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             topology="repeaters",
             scheduled=True,
         ),
+        "switch_swap": Verb(
+            "put pairs into the memories of two hosts by way of switches that swap",
+            "pairs",
+            topology="chain",
+        ),
         "ghz": Verb(
             "make GHZ states of several hosts, and estimate their fidelity",
             "states",

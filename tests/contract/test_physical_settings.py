@@ -161,6 +161,12 @@ def test_a_setting_of_a_switch_comes_to_the_dispatcher(setting: str) -> None:
         assert told == {f"dispatcher.switches.0.{setting}": value, **agent}, place
 
 
+def test_a_setting_of_a_part_of_a_switch_comes_to_the_dispatcher() -> None:
+    told = changes(["--switch", "q1.memories=2", "--switch", "memory.t2_s=0.5"])
+    assert told.pop("q1.memories") == told.pop("dispatcher.switches.0.memories") == 2
+    assert told == {"q1.memory.t2_s": 0.5, "dispatcher.switches.0.memory.t2_s": 0.5}
+
+
 @pytest.mark.parametrize("kind", NODE_KINDS)
 def test_a_kind_of_node_comes_to_the_dispatcher_as_it_is_catalogued(kind: str) -> None:
     wanted = json.loads(json.dumps(asdict(node_device(kind, Device()))))

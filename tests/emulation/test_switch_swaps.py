@@ -14,6 +14,7 @@ import pytest
 from conftest import ROOT, nothing_left, wait_until
 from fabric_scene import running, served
 from limits import SOON_S
+from loaded import run_qmn
 
 from hosts.stack_socket import QuantumSocketError
 from qmn.running.dispatcher_calls import status
@@ -80,9 +81,9 @@ def to_host(network: Network, host: str) -> list[dict[str, Any]]:
 
 
 def as_documented(address: str) -> None:
-    """Add the entries of docs/switch-swaps.md, which are in its second block."""
+    """Add the entries of docs/switch-swaps.md, which are in its third block."""
     page = (ROOT / "docs" / "switch-swaps.md").read_text()
-    lines = page.split("```")[3].replace("127.0.0.1:8080", address)
+    lines = page.split("```")[5].replace("127.0.0.1:8080", address)
     assert lines.count("curl ") == 4
     subprocess.run(["bash", "-ec", lines], capture_output=True, timeout=SOON_S, check=True)
 
@@ -200,6 +201,12 @@ def test_halves_wait_in_memories_until_entries_release_them(tmp_path: Path) -> N
         require_dephased(network)
 
 
+def waits(log: Path, begin: int = 0) -> list[float]:
+    """Return how long blocks have waited in memories of switches, by the event log."""
+    found = re.findall(r"q\d-memory\d .*recall.* after (\S+) s", log.read_text()[begin:])
+    return list(map(float, found))
+
+
 def require_dephased(network: Network) -> None:
     """Fail unless pairs have the fidelity that follows from the waits of the event log.
 
@@ -208,9 +215,28 @@ def require_dephased(network: Network) -> None:
     log = network.runtime.logs / "quantum.log"
     before = len(log.read_text())
     told = swapped(network, count=4000, sample=0.5)
-    waits = re.findall(r"q1-memory\d .*recall.* after (\S+) s", log.read_text()[before:])
-    waited_s = sum(map(float, waits)) / (len(waits) / 2)
+    waited = waits(log, before)
+    waited_s = sum(waited) / (len(waited) / 2)
     assert waited_s > 0.9e-4  # bob's were there first by more than light takes from him to alice
     expected = (1 + exp(-waited_s / T2_S)) / 2
     assert abs(told["fidelity"] - expected) < 5 * sqrt(9 / 16 / told["sampled"])
     require_nothing_left(network)
+
+
+def test_a_chain_of_switches_has_pairs_as_the_closed_form_says(tmp_path: Path) -> None:
+    # Werner links: F = (1 + 3 w)/4, and w multiplies; a wait t keeps X and Y with exp(-t/T2).
+    settings = [f"{host}.source.fidelity={FIDELITY}" for host in ("alice", "bob")]
+    words = ["--topology", "chain,3", "--length-km", "10", "--count", "4000", "--sample", "0.5"]
+    words += [word for each in settings for word in ("--device", each)]
+    words += ["--switch", f"memory.t2_s={T2_S}", "--switch", f"source.fidelity={FIDELITY}"]
+    done = run_qmn("run", "switch_swap", *words, "--without", "report", "--runs", str(tmp_path))
+    assert done.returncode == 0, done.stdout + done.stderr
+    result = json.loads((tmp_path / "latest" / "result.json").read_text())
+    assert result["time"] == "stepped"
+    waited = waits(tmp_path / "latest" / "quantum.log")
+    kept = exp(-sum(waited) / (len(waited) / 6) / T2_S)  # of six memories
+    assert 0.1 < kept < 0.5  # it says something
+    werner = ((4 * FIDELITY - 1) / 3) ** 4
+    expected = (1 + werner * (1 + 2 * kept)) / 4
+    told = result["job"]["asking"]
+    assert abs(told["fidelity"] - expected) < 5 * sqrt(9 / 16 / told["sampled"])

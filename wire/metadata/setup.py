@@ -42,7 +42,8 @@ class Setup(Message):
     frame_bytes: int
     rate_hz: int
     port: int = 0  # the application's port, as in TCP
-    block: int = 0  # ONE_PAIR: number of the pair
+    # ONE_PAIR: number of the pair. SWITCH_SWAP: switches that the controller has swap; 0: none.
+    block: int = 0
     encoding: int = PAPER_ENCODING  # proposed; the answer says which one is used
     fec: int = Fec.NONE  # error-correction code; a receiver refuses one that it does not know
     interleave: int = 0  # 1: the bits of its codewords travel far from each other

@@ -29,6 +29,7 @@ ROTATIONS = (0, len(PAULIS) - 1, ", ".join(PAULIS))
 # OpenFlow numbers of ports inside a switch, where no fibre ends.
 FIRST_INNER_PORT, FIRST_MEMORY_PORT, FIRST_SOURCE_PORT = 60_001, 61_001, 62_001
 MOST_ANALYSERS, MOST_MEMORIES, MOST_SOURCES = 64, 256, 64
+INNER_PORTS = range(60_001, 65_280)  # all such numbers; Open vSwitch reserves those behind
 HALVES = 2  # of a pair: an analyser has an input for each, a source an output
 
 

@@ -5,14 +5,17 @@
       | <------------------------------------------ Answer(OK) |
       | -- light, half 1 ----------> | <---------- light, half 1 |
       | <- frame of outcomes ------- | ------ frame of outcomes -> |  real frames
-      | Values(COMING: port, number) --------------------------> |  both mean the same block
+      | Values(COMING: analysers, numbers) --------------------> |  both mean the same blocks
       | Values(ARRIVED) <--------------------------------------> |  bob corrects; both keep
 
-Flow entries of the switch lead light and frames: nobody here knows where it is. The pairs are
-then used as in entanglement distribution.
+Flow entries of the switch lead light and frames: nobody here knows where it is. In a chain of
+switches all report, and the outcomes multiply. The pairs are then used as in entanglement
+distribution.
 """
 
+from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +24,7 @@ from hosts.hardware.qnic import Qnic
 from hosts.middleware.services.distribution.distribute import make_pairs, share_pairs
 from hosts.middleware.services.distribution.pairs import Mask, Pairs
 from hosts.middleware.services.distribution.purification import DistributeOptions
-from hosts.middleware.session.analyser_socket import AnalyserSocket, analyser_socket
+from hosts.middleware.session.analyser_socket import AnalyserSocket, Swapped, analyser_socket
 from hosts.middleware.session.blocks import store, take
 from hosts.middleware.session.ends import AcceptorEnd, Answerer, OpenerEnd, ServiceKind
 from hosts.middleware.session.errors import SessionError
@@ -35,12 +38,28 @@ from hosts.middleware.session.protocol import (
     hear,
     own_pairs,
 )
-from wire.analyser_frames import AnalyserFrame
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import Reason, Service
 from wire.outcomes import NO_COINCIDENCE
+from wire.parameters.option import option
 
 LARGEST = (1 << 32) - 1
+MOST_SWITCHES = 64
+
+
+@dataclass(frozen=True)
+class SwitchSwapOptions(DistributeOptions):
+    """Pairs by way of switches that swap."""
+
+    swaps: int = option(
+        0,
+        "quantum switches that the controller has swap; 0: somebody else programs one (0)",
+        metavar="N",
+        range=(0, MOST_SWITCHES),
+    )
+
+    def asked(self) -> dict[str, Any]:
+        return {**super().asked(), "block": self.swaps}
 
 
 def make(
@@ -50,7 +69,7 @@ def make(
     frames.forget()
     yield from side.announce(number, size)
     found, kept = yield from _emit(side, frames, 2 * number, size)
-    yield side.say(Topic.COMING, number, [found.port, found.number], 32)
+    yield side.say(Topic.COMING, number, found.blocks, 32)
     yield side.say(Topic.ARRIVED, number, kept, 1)
     theirs = yield from hear(Topic.ARRIVED, number, size, 1)
     yield from take(side.block(number), {_kept(side, 2 * number): np.arange(size)})
@@ -63,11 +82,10 @@ def share(side: HostSide, frames: AnalyserSocket, pairs: Pairs, message: Values)
     frames.forget()
     yield side.agree()
     found, kept = yield from _emit(side, frames, 2 * number + 1, size)
-    theirs = yield from hear(Topic.COMING, number, 2, LARGEST)
-    if theirs.tolist() != [found.port, found.number]:
-        text = f"outcomes of block {found.number} at inner port {found.port} came here, of block "
-        text += f"{theirs[1]} at {theirs[0]} to {side.peer}: let no other session use the analyser"
-        raise SessionError(Reason.PROTOCOL, text)
+    theirs = yield from hear(Topic.COMING, number, len(found.blocks), LARGEST)
+    if theirs.tolist() != found.blocks:
+        text = f"{side.peer} heard of other blocks at analysers than this host: let no other "
+        raise SessionError(Reason.PROTOCOL, text + "session use them")
     arrived = yield from hear(Topic.ARRIVED, number, size, 1)
     name = side.block(number, half=1)
     yield from take(name, {_kept(side, 2 * number + 1): np.arange(size)})
@@ -80,10 +98,10 @@ def share(side: HostSide, frames: AnalyserSocket, pairs: Pairs, message: Values)
 
 def _emit(
     side: HostSide, frames: AnalyserSocket, number: int, size: int
-) -> Steps[tuple[AnalyserFrame, Mask]]:
+) -> Steps[tuple[Swapped, Mask]]:
     """Send halves of pairs to the switch; return its outcomes, and which pairs have one."""
     stored = yield from own_pairs(side, number, size, side.ports[0])
-    found: AnalyserFrame = yield Wait(partial(frames.next, size))
+    found: Swapped = yield Wait(partial(frames.next, size, max(1, side.setup.block)))
     states = np.frombuffer(found.outcomes, np.uint8)
     return found, stored.arrived & (states != NO_COINCIDENCE)
 
@@ -92,16 +110,16 @@ def _kept(side: HostSide, number: int) -> BlockName:
     return side.block(number, half=0)
 
 
-async def swap(end: OpenerEnd, options: DistributeOptions) -> Answerer:
+async def swap(end: OpenerEnd, options: SwitchSwapOptions) -> Answerer:
     """Do what the opener does; return what answers its application."""
-    with analyser_socket() as frames:
+    with analyser_socket(end.setup.session) as frames:
         return await make_pairs(end, options, partial(make, end.side, frames))
 
 
 async def receive(end: AcceptorEnd) -> Answerer:
     """Follow the opener until it delivers; return what answers this end's application."""
-    with analyser_socket() as frames:
+    with analyser_socket(end.setup.session) as frames:
         return await share_pairs(end, partial(share, end.side, frames))
 
 
-KIND = ServiceKind(Service.SWITCH_SWAP, DistributeOptions, swap, receive)
+KIND = ServiceKind(Service.SWITCH_SWAP, SwitchSwapOptions, swap, receive)

@@ -163,9 +163,9 @@ def test_pairs_of_a_switch_join_the_halves_of_two_hosts(tmp_path: Path) -> None:
     source = PairSource(fidelity=werner)
 
     async def run() -> None:
-        parts = {"analysers": 2, "memories": 4, "sources": 1, "source": source}
+        q1 = QuantumSwitch("q1", analysers=2, memories=4, sources=1, source=source)
         hosts = dict.fromkeys(("alice", "bob"), Device(source=source))
-        config = configuration(tmp_path, switches=[QuantumSwitch("q1", **parts)], devices=hosts)
+        config = configuration(tmp_path, switches=[q1], devices=hosts)
         async with running(config, PatientClock()) as bench:
             scene = Scene(bench, PatientClock())
             await scene.reports.initial_metadata()

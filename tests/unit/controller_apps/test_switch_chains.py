@@ -1,0 +1,115 @@
+"""The light of chains of switches that swap: granted, arbitrated, and what their sources emit."""
+
+from dataclasses import replace
+
+import pytest
+from metadata_scene import ALICE, BOB, FRAMED, HOLD_S, IDLE_S, frame, payload_of, rotating
+
+from controller_apps.light.optics import SwitchPort
+from controller_apps.light.paths import HostPort, Network
+from controller_apps.sessions.actions import Action, Emit, Forward, OpenPaths
+from controller_apps.sessions.arbiter import Arbiter
+from wire.analyser_frames import BROADCAST, AnalyserFrame, Emission, End
+from wire.metadata.decoding import decode
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Reason, Service
+from wire.parameters.switch import inner_ports
+
+S1, NOW = 100, 1.0
+WHOLE = frozenset(inner_ports(analysers=1, memories=2, sources=1))
+STORED = AnalyserFrame(61_001, 5, End.STORED, 2, 0, bytes(2)).encode(BROADCAST, bytes(6))
+
+
+def line(switches: int, inner: frozenset[int] = WHOLE) -> Network:
+    """Return alice, switches with these inner ports in a line, and bob; light goes 1 -> 2."""
+    found = Network(set(range(1, switches + 1)))
+    found.inner = dict.fromkeys(found.connected, inner)
+    found.attach(SwitchPort(1, 1), HostPort("alice", ALICE, "alice-q0"))
+    found.attach(SwitchPort(switches, 2), HostPort("bob", BOB, "bob-q0"))
+    for dpid in range(1, switches):
+        found.add_link(SwitchPort(dpid, 2), SwitchPort(dpid + 1, 1))
+    for dpid in found.connected:
+        found.optics.switches[dpid] = rotating(0)
+    return found
+
+
+def asked(arbiter: Arbiter, count: int, session: int = 7, sport: int = 40_000) -> list[Action]:
+    """Ask for a chain of so many switches."""
+    setup = replace(FRAMED, service=Service.SWITCH_SWAP, source=ALICE, block=count, session=session)
+    data = frame(setup.encode(), sport=sport)
+    return arbiter.segment_arrived(S1, 1, data, NOW)
+
+
+def hops(actions: list[Action]) -> dict[int, set[tuple[int, int]]]:
+    opened = [each for each in actions if isinstance(each, OpenPaths)]
+    return {each.dpid: {(hop.in_port, hop.out_port) for hop in each.hops} for each in opened}
+
+
+def refusal(actions: list[Action]) -> Setup:
+    (forward,) = [each for each in actions if isinstance(each, Forward)]
+    answer = decode(payload_of(forward.frame))
+    assert isinstance(answer, Setup)
+    return answer
+
+
+def test_every_switch_of_a_chain_stores_and_swaps_and_all_but_the_last_emit() -> None:
+    swaps = {(61_001, 60_001), (61_002, 60_002)}
+    emits = {(62_001, 61_002), (62_002, 2)}
+    assert hops(asked(Arbiter(line(3), HOLD_S, IDLE_S), 3)) == {
+        1: {(1, 61_001), *swaps, *emits},
+        2: {(1, 61_001), *swaps, *emits},
+        3: {(1, 61_001), (2, 61_002), *swaps},
+    }
+
+
+def test_switches_beyond_the_chain_pass_light() -> None:
+    found = hops(asked(Arbiter(line(3), HOLD_S, IDLE_S), 1))
+    assert found[2] == {(2, 1)}  # from bob to the only one that swaps
+    assert found[3] == {(2, 1)}
+
+
+def test_one_switch_without_memories_has_light_meet_in_its_analyser() -> None:
+    inner = frozenset(inner_ports(analysers=1))
+    assert hops(asked(Arbiter(line(1, inner), HOLD_S, IDLE_S), 1)) == {
+        1: {(1, 60_001), (2, 60_002)}
+    }
+
+
+@pytest.mark.parametrize(
+    ("inner", "text"),
+    [
+        (frozenset(inner_ports(analysers=1)), "0 of 2 switches on the way have a free analyser"),
+        (frozenset(inner_ports(analysers=1, memories=2)), "switch 0x1 has no free source"),
+        (frozenset[int](), "0 of 2 switches"),
+    ],
+)
+def test_a_chain_that_lacks_parts_is_refused_by_name(inner: frozenset[int], text: str) -> None:
+    answer = refusal(asked(Arbiter(line(2, inner), HOLD_S, IDLE_S), 2))
+    assert answer.reason == Reason.NO_CHAIN
+    assert text in answer.obstacle
+
+
+def test_a_second_session_that_wants_the_analyser_is_busy_until_the_first_is_over() -> None:
+    arbiter = Arbiter(line(2), HOLD_S, IDLE_S)
+    (session,) = [each.session for each in asked(arbiter, 2) if isinstance(each, OpenPaths)][:1]
+    assert refusal(asked(arbiter, 2, session=8, sport=40_001)).reason == Reason.BUSY
+    arbiter.tick(NOW + HOLD_S + 1)  # nobody has answered its barriers
+    assert session not in arbiter.sessions.by_number
+    assert hops(asked(arbiter, 2, session=9, sport=40_002)).keys() == {1, 2}
+
+
+def test_sources_emit_when_the_first_memory_holds_a_block() -> None:
+    arbiter = Arbiter(line(3), HOLD_S, IDLE_S)
+    opened = [each for each in asked(arbiter, 3) if isinstance(each, OpenPaths)]
+    first = SwitchPort(1, 61_001)
+    assert not arbiter.stored(first, 7, STORED)  # it is not open yet
+    for each in opened:
+        arbiter.barrier_passed(each.dpid, each.transaction, NOW)
+    assert not arbiter.stored(SwitchPort(2, 61_001), 7, STORED)
+    light = 5, 2, FRAMED.rate_hz, arbiter.sessions.by_number[7].frequency_mhz
+    assert arbiter.stored(first, 7, STORED) == [
+        Emit(1, 62_001, Emission(8, *light)),
+        Emit(2, 62_001, Emission(9, *light)),
+    ]
+    assert not arbiter.stored(first, 99, STORED)
+    assert [type(each).__name__ for each in arbiter.stored(first, 7, b"rubbish")] == ["Drop"]
