@@ -135,7 +135,7 @@ def frames_of(report: AnalyserFrame) -> Iterator[AnalyserFrame]:
 
 @dataclass(frozen=True)
 class Emission:
-    """What a controller sends to a source's port: make a block of pairs."""
+    """A controller's frame to a source's port: make a block of pairs."""
 
     FIELDS = struct.Struct("!4sQIIII")
 

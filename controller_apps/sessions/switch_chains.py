@@ -62,7 +62,7 @@ def parts_of(network: Network, dpid: int, limits: Limits) -> Parts | None:
 def swapping(
     network: Network, path: LightPath, count: int, limits: Limits
 ) -> tuple[LightPath, ...] | str:
-    """Return the light of a chain of so many switches along a path, or why it cannot be."""
+    """Return the light of a chain of this many switches along a path, or why it cannot be."""
     able: list[tuple[int, Parts]] = []
     for place, hop in enumerate(path.hops):
         parts = parts_of(network, hop.dpid, limits)

@@ -55,7 +55,7 @@ class AnalyserSocket:
                 self._channel.recv(LONGEST)
 
     async def next(self, pulses: int, analysers: int) -> Swapped:
-        """Return the outcomes of the next block of this size at so many analysers.
+        """Return the outcomes of the next block of this size at a number of analysers.
 
         Raise SessionError if they do not come, or the light has ended otherwise.
         """

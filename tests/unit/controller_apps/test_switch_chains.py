@@ -34,7 +34,7 @@ def line(switches: int, inner: frozenset[int] = WHOLE) -> Network:
 
 
 def asked(arbiter: Arbiter, count: int, session: int = 7, sport: int = 40_000) -> list[Action]:
-    """Ask for a chain of so many switches."""
+    """Ask for a chain of this many switches."""
     setup = replace(FRAMED, service=Service.SWITCH_SWAP, source=ALICE, block=count, session=session)
     data = frame(setup.encode(), sport=sport)
     return arbiter.segment_arrived(S1, 1, data, NOW)
