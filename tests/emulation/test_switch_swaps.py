@@ -164,7 +164,7 @@ def require_named_ends(network: Network, curl: Curl) -> None:
         swapped(network, count=100)
     require_nothing_left(network)
     curl("flowentry/delete", {"match": {"in_port": FIRST}})  # as if its agent were gone
-    with pytest.raises(QuantumSocketError, match=r"no outcomes of \d+ pulses from 1 of 1 analysers"):
+    with pytest.raises(QuantumSocketError, match=r"no outcomes of \d+ pulses from 1 of 1 analyser"):
         swapped(network, count=100)
     require_nothing_left(network)
 
