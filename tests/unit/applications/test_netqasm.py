@@ -119,10 +119,10 @@ def test_every_instruction_of_the_vanilla_flavour_is_known_by_its_number_and_nam
 def test_instructions_that_the_sdk_writes_are_read() -> None:
     for kind in EVERY:
         draws = random.Random(1)
-        name, kinds = INSTRUCTIONS[kind.id]  # type: ignore[attr-defined]
+        name, kinds = INSTRUCTIONS[kind.id]
         for _ in range(50):
             operands = drawn(kinds, name, draws)
-            instruction = kind.from_operands(operands)  # type: ignore[attr-defined]
+            instruction = kind.from_operands(operands)
             subroutine = SdkSubroutine(instructions=[instruction], app_id=7)
             subroutine.instantiate(7)
             data = bytes(subroutine)

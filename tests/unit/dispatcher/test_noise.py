@@ -5,6 +5,7 @@ from math import exp, sinh
 import numpy as np
 import pytest
 from noise_cases import COUNT, START_NS, passage, within
+from test_detectors import NoDraws
 
 from dispatcher.approximations import CLASSICAL_LIGHT
 from dispatcher.fiber import fiber_noise
@@ -24,14 +25,6 @@ from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
 from wire.parameters.fiber import FiberOptics, optics
 from wire.parameters.physics import BadParameter
-
-
-class NoDraws:
-    """Stands for draws that must not be made."""
-
-    def generator(self, key: tuple[int, int, int], purpose: str) -> np.random.Generator:
-        """Fail."""
-        raise AssertionError(f"drew for {purpose} of {key}")
 
 
 @pytest.mark.parametrize("loss_db", [0.02, 0.2, 3.0, 10.0, 20.0])
