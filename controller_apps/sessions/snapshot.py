@@ -34,7 +34,7 @@ from wire.outcomes import Pauli
 from wire.services import LIGHT
 
 MAX_KEPT_REQUESTS = 8  # of one session; it needs two
-SESSION = struct.Struct("!dBB")
+SESSION = struct.Struct("!dBH")
 REQUEST = struct.Struct(f"!4sH4sIBII{SETUP_LENGTH}s")  # to the metadata port
 PATH = struct.Struct("!IBB")  # loss in thousandths of a dB, rotation, hops
 HOP = struct.Struct("!QII")
@@ -148,7 +148,9 @@ def _packed(address: str) -> bytes:
 
 def _check_owner(session: Session) -> None:
     setup = session.setup
-    lit = setup.handshake == Handshake.FRAMED and bool(LIGHT.get(Service(setup.service)))
+    in_switches = setup.service == Service.SWITCH_SWAP and setup.block > 0
+    has_light = in_switches or bool(LIGHT.get(Service(setup.service)))
+    lit = setup.handshake == Handshake.FRAMED and has_light
     is_owner = setup.handshake in (Handshake.FRAMED, Handshake.PER_PAIR)
     if setup.service not in LIGHT or not is_owner or lit != bool(session.paths):
         raise MalformedPacket(f"{len(session.paths)} paths for a session opened by {setup}")

@@ -30,7 +30,7 @@ ABLE = {at: replace(host, node_features=NodeFeatures(STORE, 32)) for at, host in
 
 def golden() -> bytes:
     """Return a session without a source's connection, written out field by field."""
-    data = struct.pack("!dBB", 2.5, 1, 3)
+    data = struct.pack("!dBH", 2.5, 1, 3)
     data += bytes([10, 0, 0, 1, 40000 >> 8, 40000 & 0xFF, 10, 0, 0, 2])
     data += struct.pack("!IBII", 100, 3, FRAMED.pairs, FRAMED.wavelength_pm) + FRAMED.encode()
     for _dpid, in_port, out_port in HOPS:
@@ -58,7 +58,7 @@ def test_a_session_is_read_back_as_it_was() -> None:
 
 def test_the_size_of_blocks_that_was_granted_is_kept_beside_what_was_asked_for() -> None:
     data = bytearray(golden())
-    data[25:29] = struct.pack("!I", 32)
+    data[26:30] = struct.pack("!I", 32)
     session = decode_session(bytes(data), NOW)
     (request,) = session.requests.values()
     answer = decode(request.answer)
@@ -87,16 +87,16 @@ def test_hosts_cut_short_or_too_long_are_malformed() -> None:
         (0, struct.pack("!d", NOW + 1)),  # seen in the future: of another boot
         (0, struct.pack("!d", float("nan"))),
         (8, b"\0"),  # no request
-        (9, b"\0"),  # no path
-        (24, b"\4"),  # rotation
-        (25, bytes(4)),  # blocks of no pairs
-        (25, struct.pack("!I", FRAMED.pairs + 1)),  # larger ones than were asked for
-        (29, struct.pack("!I", FRAMED.wavelength_pm + 1)),  # another wavelength than was asked for
-        (33 + 8, bytes(8)),  # session 0
-        (33 + 16, b"\2"),  # a pair source owns no session
-        (33 + 17, b"\2"),  # per-pair has no light of its own
-        (33 + SETUP_LENGTH + 4, b"\4"),  # rotation of a path
-        (33 + SETUP_LENGTH + 5, b"\0"),  # a path without hops
+        (9, bytes(2)),  # no path
+        (25, b"\4"),  # rotation
+        (26, bytes(4)),  # blocks of no pairs
+        (26, struct.pack("!I", FRAMED.pairs + 1)),  # larger ones than were asked for
+        (30, struct.pack("!I", FRAMED.wavelength_pm + 1)),  # another wavelength than was asked for
+        (34 + 8, bytes(8)),  # session 0
+        (34 + 16, b"\2"),  # a pair source owns no session
+        (34 + 17, b"\2"),  # per-pair has no light of its own
+        (34 + SETUP_LENGTH + 4, b"\4"),  # rotation of a path
+        (34 + SETUP_LENGTH + 5, b"\0"),  # a path without hops
     ],
 )
 def test_what_no_controller_has_kept_is_malformed(at: int, value: bytes) -> None:
@@ -108,7 +108,7 @@ def test_what_no_controller_has_kept_is_malformed(at: int, value: bytes) -> None
 
 def test_a_stranger_s_connection_does_not_come_with_a_session() -> None:
     one, other = kept(), bytearray(kept())
-    begin = 10 + 23 + SETUP_LENGTH  # of the second request
+    begin = 11 + 23 + SETUP_LENGTH  # of the second request
     assert other[begin : begin + 4] == bytes([10, 0, 0, 1])
     other[begin + 3] = 9
     assert decode_session(one, NOW)

@@ -7,8 +7,9 @@ from metadata_scene import ALICE, BOB, FRAMED, HOLD_S, IDLE_S, frame, payload_of
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort, Network
-from controller_apps.sessions.actions import Action, Emit, Forward, OpenPaths
+from controller_apps.sessions.actions import Action, Emit, Forward, Keep, OpenPaths
 from controller_apps.sessions.arbiter import Arbiter
+from controller_apps.sessions.snapshot import decode_session
 from wire.analyser_frames import BROADCAST, AnalyserFrame, Emission, End
 from wire.metadata.decoding import decode
 from wire.metadata.setup import Setup
@@ -113,3 +114,14 @@ def test_sources_emit_when_the_first_memory_holds_a_block() -> None:
     ]
     assert not arbiter.stored(first, 99, STORED)
     assert [type(each).__name__ for each in arbiter.stored(first, 7, b"rubbish")] == ["Drop"]
+
+
+def test_a_session_of_the_longest_chain_is_kept_for_another_controller() -> None:
+    arbiter = Arbiter(line(64), HOLD_S, IDLE_S)
+    for each in asked(arbiter, 64):
+        if isinstance(each, OpenPaths):
+            actions = arbiter.barrier_passed(each.dpid, each.transaction, NOW)
+    (kept,) = [each for each in actions if isinstance(each, Keep)]
+    again = decode_session(kept.data, NOW)
+    assert again.paths == arbiter.sessions.by_number[7].paths
+    assert len(again.paths) == 64 * 2 + 63 * 2 + 2
