@@ -79,6 +79,7 @@ def test_a_run_and_what_it_has_left_are_as_shown(folder: Path) -> None:
         walk(folder, typed, shown)
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize(("typed", "shown"), LATER, ids=[typed for typed, _shown in LATER])
 def test_runs_of_their_own_print_what_is_shown(folder: Path, typed: str, shown: list[str]) -> None:
     walk(folder, typed, shown)

@@ -50,13 +50,20 @@ def bugs() -> list[Bug]:
 
 
 def unit_tests_of(bug: Bug, root: Path) -> list[str]:
-    """Return the unit tests that import the file of a bug, then others that import its folder."""
+    """Return the unit tests that import the file of a bug, then others that import its folder.
+
+    A test imports what its scene imports.
+    """
     package, _dot, name = bug.file.removesuffix(".py").replace("/", ".").rpartition(".")
     of_file = rf"^(from|import) {package}\.{name}\b|^from {package} import .*\b{name}\b"
     of_folder = rf"^(from|import) {package}\b"
-    texts = {file: file.read_text() for file in (root / "tests" / "unit").rglob("test_*.py")}
-    near = [
-        sorted(file for file, text in texts.items() if re.search(pattern, text, re.MULTILINE))
-        for pattern in (of_file, of_folder)
-    ]
-    return [str(file.relative_to(root)) for file in dict.fromkeys(near[0] + near[1])]
+    texts = {file: file.read_text() for file in (root / "tests" / "unit").rglob("*.py")}
+
+    def importing(pattern: str) -> list[Path]:
+        found = sorted(file for file, text in texts.items() if re.search(pattern, text, re.M))
+        scenes = "|".join(file.stem for file in found if not file.stem.startswith("test_"))
+        beside = importing(rf"^from ({scenes}) import") if scenes else []
+        return [file for file in found if file.stem.startswith("test_")] + beside
+
+    near = importing(of_file) + importing(of_folder)
+    return [str(file.relative_to(root)) for file in dict.fromkeys(near)]
