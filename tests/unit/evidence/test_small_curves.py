@@ -44,6 +44,15 @@ def test_photons_beside_classical_light(way: str, gain: float, qber: float) -> N
     assert abs(told["qber"][0] - qber) < 5 * sqrt(qber * (1 - qber) / (200_000 * gain))
 
 
+def test_entangled_pairs_err_as_their_fibre_depolarises() -> None:
+    """A click in c = 1 - (1 - .1) (1 - 6e-7)^2; (1 - .99 (.1 (1 - 6e-7) / c)^2)/2 of c^2 differ."""
+    told = measure("pair-keys", complete("pair-keys", {"pairs": 6_000_000}), SEED)
+    click = 1 - 0.9 * (1 - 6e-7) ** 2
+    seen = 6_000_000 * click**2 / 2  # in bases that are alike
+    qber = (1 - 0.99 * (0.1 * (1 - 6e-7) / click) ** 2) / 2
+    assert abs(told["qber"][0] - qber) < 5 * sqrt(qber / seen)
+
+
 def test_pairs_are_handed_over_as_their_sample_lets_expect() -> None:
     """(1 + 2 w e^-1 + w e^-.5 + (1 - e^-.25)^2)/4, w = (4 x .95 - 1)/3, and .95 at the sample."""
     told = measure("handed-over", complete("handed-over", {"waited_s": 0.05}), SEED)

@@ -6,10 +6,13 @@ from itertools import pairwise, permutations
 from math import factorial, sqrt
 from pathlib import Path
 from statistics import fmean
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from evidence.traffic import job_result
 from evidence.traffic.erlang import erlang_b, erlang_c, mean_wait
 from evidence.traffic.job import checked
 from evidence.traffic.plan import BadTraffic, Planned, Traffic, plan
@@ -26,7 +29,7 @@ from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import Event
 from wire.metadata.vocabulary import Service
 from wire.parameters.fiber import Fiber, FiberEnd
-from wire.results.run_result import ACCEPTED, BLOCKED, LoadWait, NetworkFacts, Shares
+from wire.results.run_result import ACCEPTED, BLOCKED, LoadJob, LoadWait, NetworkFacts, Shares
 from wire.services import LINES
 
 HOSTS = ["h1", "h2", "h3"]
@@ -344,3 +347,13 @@ def test_outcomes_that_both_hosts_have_are_held_against_phi_plus(basis: str, ali
     """Both halves of Phi+ are equal in X and Z, and differ in Y."""
     answers = [{"outcomes": [0, 1, 1, None, 0]}, {"outcomes": [0, 1, 0, 1, None]}]
     assert like_phi_plus(answers, basis) == (alike, 3)
+
+
+def test_without_events_a_load_is_complete_but_for_the_use_of_fibres(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("evidence.traffic.job_result.result.complete", lambda *_: None)
+    load = summary([outcome("h1")], [])
+    facts: Any = SimpleNamespace(job=LoadJob(load=load), network=NetworkFacts({}, "", [], [], []))
+    job_result.complete(facts, tmp_path)
+    assert (facts.elapsed_s, facts.job.asking.sessions) == (load.span_s, 1)
