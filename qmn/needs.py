@@ -60,11 +60,12 @@ def chosen(keeper: int | None = None) -> RunningRun | None:
 
 def _own_namespaces(arguments: argparse.Namespace, words: Sequence[str]) -> int | None:
     server = None
-    if getattr(arguments, "live", None):
+    for_all = getattr(arguments, "live_for_all", False)
+    if getattr(arguments, "live", None) or for_all:
         # Served out here: the loopback of the run is another.
         from views.live.beside import begin_page_of_command
 
-        server = begin_page_of_command()
+        server = begin_page_of_command(for_all=for_all)
     several = (getattr(arguments, "machines", None) or 1) > 1 or getattr(arguments, "place", None)
     namespaces.running()  # removes the entries of runs that were killed
     for group in groups_of_gone():

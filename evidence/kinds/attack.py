@@ -38,14 +38,15 @@ def call(arguments: argparse.Namespace) -> int:
     if arguments.attempts is not None and not 0 < arguments.attempts <= 10_000:
         print(f"qmn: {arguments.attempts} attempts: choose 1 to 10000", file=sys.stderr)
         return 1
-    if arguments.live and isinstance(ATTACKS.get(arguments.name), LightAttack):
+    shown = arguments.live or arguments.live_for_all
+    if shown and isinstance(ATTACKS.get(arguments.name), LightAttack):
         print(
             f"qmn: --live: {arguments.name} is on light alone, without a network", file=sys.stderr
         )
         return 1
     tried = ATTACKS if arguments.name == EVERY else [arguments.name]
     try:
-        with page_of_command(arguments.live):
+        with page_of_command(arguments.live, for_all=arguments.live_for_all):
             for name in tried:
                 for defence in [arguments.defence] if arguments.defence else [OFF, ON]:
                     print(trial(name, defence, arguments.attempts), flush=True)

@@ -57,4 +57,5 @@ def options_of(arguments: argparse.Namespace) -> sweep.SweepOptions:
         seed=own.seed,
         out=own.out / arguments.name,
         live=own.live,
+        live_for_all=own.live_for_all,
     )

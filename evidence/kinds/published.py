@@ -79,7 +79,7 @@ def do(options: LabOptions, signals: Signals, console: Console) -> int:
     labs = {name: catalogue.lab(name) for name in options.names or catalogue.names()}
     require_root()
     try:
-        with page_of_command(options.live):
+        with page_of_command(options.live, for_all=options.live_for_all):
             outcome = all_done(labs, options, signals, console)
     except Interrupted as error:
         error.add_note(GOES_ON)

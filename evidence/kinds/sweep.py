@@ -162,7 +162,7 @@ def grid_of(options: SweepOptions) -> tuple[Grid, int]:
     seed = content.get("seed", 1) if options.seed is None else options.seed
     if isinstance(seed, bool) or not isinstance(seed, int):
         raise BadGrid(f"seed {seed!r} is not a whole number")
-    if options.live and not starts_networks(options):
+    if options.shown and not starts_networks(options):
         raise BadGrid("--live: networks to look at start here with --emulate, without --scheduler")
     if options.workers is not None and not 1 <= options.workers <= MAX_WORKERS:
         raise BadGrid(f"--workers {options.workers}: choose 1 to {MAX_WORKERS}")
@@ -192,7 +192,7 @@ def sweep(grid: Grid, seed: int, options: SweepOptions, signals: Signals, consol
         _tell_beginning(console, grid, seed, table, len(running.missing(grid, seed, table)))
         if running.missing(grid, seed, table):
             with (
-                page_of_command(options.live),
+                page_of_command(options.live, for_all=options.live_for_all),
                 measuring(options, signals.check) as measurer,
             ):
                 _follow(console, grid, seed, table, measurer)

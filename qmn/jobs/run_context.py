@@ -133,7 +133,7 @@ def _running(
         events=run.events,
     )
     runtime.places = places
-    runtime.watched = run.live or Pages.of_command() is not None
+    runtime.watched = run.shown or Pages.of_command() is not None
     with (
         given_at_the_end(options.keys),
         Network(
@@ -164,7 +164,8 @@ def _running(
             switches = network.copper_switches
             files = network.capture(*switches, openflow=True, packet_bytes=run.packet_bytes)
             facts.captures = [str(file) for file in files]
-        with live_view(run.live, context.folder, lambda text: console.print(text, soft_wrap=True)):
+        say = partial(console.print, soft_wrap=True)
+        with live_view(run.live, context.folder, say, for_all=run.live_for_all):
             try:
                 yield network
             except TransferError:  # the network lasts: a service has failed, or given no key

@@ -30,6 +30,15 @@ class LiveOptions:
         "serve a page of the network, or of each in its turn, and say where (`qmn live`)",
         recorded=False,
     )
+    live_for_all: bool = option(
+        False,
+        "--live, and a read-only address of it for all in this machine's network, by TLS",
+        recorded=False,
+    )
+
+    @property
+    def shown(self) -> bool:
+        return self.live or self.live_for_all
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -109,7 +109,7 @@ def start_and_obey(
                 switches = network.copper_switches
                 network.capture(*switches, openflow=True, packet_bytes=packet_bytes)
             start_beside(network, [start for start in starts if start is not None])
-            with live_view(extras.live, folder):
+            with live_view(extras.live, folder, for_all=extras.live_for_all):
                 status = obey(network)
         for name, text in pace_row.rows(schema.read_left(folder)).items():
             print(f"{name}: {text}")

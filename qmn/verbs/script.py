@@ -29,8 +29,9 @@ def call(arguments: argparse.Namespace) -> int:
     if arguments.file.is_file():
         try:
             # The server ends with this program, which the script replaces.
-            if arguments.live and not Pages.of_command():
-                begin_page_of_command()
+            for_all = arguments.live_for_all
+            if (arguments.live or for_all) and not Pages.of_command():
+                begin_page_of_command(for_all=for_all)
         except NetworkError as error:
             print(f"qmn: {error}", file=sys.stderr)
             return 1

@@ -51,7 +51,7 @@ def served(run: Path, events_per_s: int, told: Connection) -> None:
     threading.Thread(target=come_again, args=(past, timeline, events_per_s), daemon=True).start()
     facts = described(network)
     view = View("again", facts, timeline, run, True, False, lambda: "", Pace(unused))
-    asyncio.run(serve(view, Place(), told.send))
+    asyncio.run(serve(view, Place(), lambda address, _for_all: told.send(address)))
 
 
 def come_again(past: list[dict[str, Any]], timeline: Timeline, events_per_s: int) -> None:

@@ -15,17 +15,19 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import IO, NoReturn
+from typing import IO, NoReturn, TypeVar
 
 from topologies.system.processes import owners
 from topologies.system.processes.commands import WITH_THIS_PROCESS
 from topologies.system.processes.owners import RUNTIME_ROOT
 from topologies.system.processes.programs import ROOT, NetworkError
 from topologies.system.processes.signals import Signals
+
+T = TypeVar("T")
 
 OWN_NAMESPACES = ROOT / "topologies" / "own_namespaces"
 MACHINE_NETWORK = RUNTIME_ROOT / "machine-network"  # a file of the machine's network, inside
@@ -169,17 +171,22 @@ def _running() -> Iterator[RunningRun]:
 
 def machine_listener(host: str, port: int) -> socket.socket:
     """Return a listening TCP socket in the machine's network; raise OSError if it cannot be."""
+    return in_machine_network(lambda: socket.create_server((host, port)))
+
+
+def in_machine_network(act: Callable[[], T]) -> T:
+    """Return what this returns in the machine's network."""
     if not are_own():
-        return socket.create_server((host, port))
-    with ThreadPoolExecutor(1, thread_name_prefix="listener") as thread:
-        return thread.submit(_listen_outside, host, port).result()
+        return act()
+    with ThreadPoolExecutor(1, thread_name_prefix="machine") as thread:
+        return thread.submit(_outside, act).result()
 
 
-def _listen_outside(host: str, port: int) -> socket.socket:
-    """Listen there; the calling thread stays in that network."""
+def _outside(act: Callable[[], T]) -> T:
+    """Act there; the calling thread stays in that network."""
     with MACHINE_NETWORK.open() as network:
         _require(LIBC.setns(network.fileno(), CLONE_NEWNET), "the machine's network")
-    return socket.create_server((host, port))
+    return act()
 
 
 def _begun(file: Path) -> IO[str]:

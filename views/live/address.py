@@ -78,8 +78,10 @@ async def until_a_signal(serving: Coroutine[Any, Any, None]) -> None:
         await task
 
 
-def say(address: str, browser: bool) -> None:
-    print(f"{ANNOUNCEMENT}: {address}", flush=True)
+def say(address: str, browser: bool, for_all: str = "") -> None:
+    """Say where the page is, and where all can see it; open it if `browser`."""
+    of_all = f"{ANNOUNCEMENT} for all: {for_all}\n" if for_all else ""
+    print(f"{ANNOUNCEMENT}: {address}\n{of_all}", end="", flush=True)
     if browser and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         try:
             open_browser(address)

@@ -17,6 +17,7 @@ from topologies.system.processes.programs import Program, python
 from topologies.system.runs.runtime import LIVE_PAGES
 from views.live.acts import ACTS
 from views.live.address import ANNOUNCEMENT
+from views.live.hall import FOR_ALL
 from views.live.pages import NUMBER, Pages
 
 Say = Callable[[str], None]
@@ -24,7 +25,9 @@ SAY = partial(print, flush=True)
 
 
 @contextmanager
-def live_view(wanted: bool, folder: Path, say: Say = SAY) -> Iterator[None]:
+def live_view(
+    wanted: bool, folder: Path, say: Say = SAY, *, for_all: bool = False
+) -> Iterator[None]:
     """Serve the page of the network that runs, and say where, as long as this lasts.
 
     If it is one of several of a command, its page is at the address of that, wanted here or not.
@@ -32,11 +35,11 @@ def live_view(wanted: bool, folder: Path, say: Say = SAY) -> Iterator[None]:
     """
     (folder / ACTS).unlink(missing_ok=True)  # of an earlier network in this folder
     pages = Pages.of_command()
-    if pages is None and not wanted:
+    if pages is None and not (wanted or for_all):
         yield
         return
     server = Program("live", folder / "live.log")
-    command = [python(), "-m", "qmn", "live"]
+    command = [python(), "-m", "qmn", "live", *(["--for-all"] if for_all and not pages else [])]
     with ExitStack() as stack:
         if pages is not None:
             number = stack.enter_context(pages.one_more(folder.name))
@@ -50,12 +53,12 @@ def live_view(wanted: bool, folder: Path, say: Say = SAY) -> Iterator[None]:
 
 
 @contextmanager
-def page_of_command(wanted: bool, say: Say = SAY) -> Iterator[None]:
+def page_of_command(wanted: bool, say: Say = SAY, *, for_all: bool = False) -> Iterator[None]:
     """Serve an address that shows the networks that are started meanwhile, and say where it is."""
-    if not wanted or Pages.of_command():
+    if not (wanted or for_all) or Pages.of_command():
         yield
         return
-    server = begin_page_of_command(say)
+    server = begin_page_of_command(say, for_all=for_all)
     try:
         yield
     finally:
@@ -63,11 +66,12 @@ def page_of_command(wanted: bool, say: Say = SAY) -> Iterator[None]:
         del os.environ[LIVE_PAGES]
 
 
-def begin_page_of_command(say: Say = SAY) -> Program:
+def begin_page_of_command(say: Say = SAY, *, for_all: bool = False) -> Program:
     """Start what serves it, until this process ends; raise NetworkError if it does not begin."""
     folder = Path(tempfile.mkdtemp(prefix="qmn-live-"))
     server = Program("live", folder / "live.log")
-    server.start([python(), "-m", "views.live.command_page", str(folder)])
+    shown = [FOR_ALL] if for_all else []
+    server.start([python(), "-m", "views.live.command_page", str(folder), *shown])
     try:
         server.wait_for(ANNOUNCEMENT, LIVE_START_S)
     except BaseException:
@@ -80,4 +84,6 @@ def begin_page_of_command(say: Say = SAY) -> Program:
 
 
 def announced_address(server: Program) -> str:
-    return next(line for line in server.output().splitlines() if line.startswith(ANNOUNCEMENT))
+    """Return the lines that say where a page is; they come at once."""
+    lines = server.output().splitlines()
+    return "\n".join(line for line in lines if line.startswith(ANNOUNCEMENT))

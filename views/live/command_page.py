@@ -25,6 +25,7 @@ from programs.connection_shares import StreamServer
 from programs.relay import relay
 from qmn.timeouts import LIVE_HEAD_S, LIVE_LAST_S, LIVE_LOOK_AGAIN_S
 from views.live.address import LOOPBACK, Place, listen, place_given, say, until_a_signal
+from views.live.hall import FOR_ALL, shown_to_all
 from views.live.pages import PORT, Pages
 
 HTML, JSON = "text/html; charset=utf-8", "application/json"
@@ -33,29 +34,30 @@ HEADERS += "Content-Security-Policy: default-src 'none'; script-src 'self'; conn
 HEADERS += "X-Content-Type-Options: nosniff\r\n"
 WAITING = """<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>qmn</title>
 <meta name="color-scheme" content="light dark">
-<script type="module" src="/%s/next.js"></script>
+<script type="module" src="%snext.js"></script>
 <h1>qmn</h1><p role="status">%s This page goes to the next network by itself.</p></html>"""
 SCRIPT = Path(__file__).with_name("page") / "next.js"
 NONE_YET = "No network of this command runs yet."
 ENDED = "Network {}, {}, has ended."
 
 
-async def serve(pages: Pages, place: Place) -> None:
+async def serve(pages: Pages, place: Place, *, for_all: bool) -> None:
     """Say where it is, and serve until cancelled; raise OSError if the place cannot be had."""
     over, waiting = asyncio.Event(), set[asyncio.Task[None]]()
     answer = partial(answered, pages, over, waiting)
     listener, port = listen(place)
-    server = StreamServer(answer, listener)
-    (pages.folder / PORT).write_text(str(port))
-    try:
-        say(f"http://{LOOPBACK}:{port}/{pages.secret}/", browser=True)
-        await asyncio.Event().wait()
-    finally:
-        over.set()
-        if waiting:  # who wait for a network hear that none comes
-            await asyncio.wait(waiting, timeout=LIVE_LAST_S)
-        server.close()
-        shutil.rmtree(pages.folder)
+    async with shown_to_all(for_all, place, port, pages.secret) as where:
+        server = StreamServer(answer, listener)
+        (pages.folder / PORT).write_text(str(port))
+        try:
+            say(f"http://{LOOPBACK}:{port}/{pages.secret}/", browser=True, for_all=where)
+            await asyncio.Event().wait()
+        finally:
+            over.set()
+            if waiting:  # who wait for a network hear that none comes
+                await asyncio.wait(waiting, timeout=LIVE_LAST_S)
+            server.close()
+            shutil.rmtree(pages.folder)
 
 
 async def answered(
@@ -104,7 +106,7 @@ async def next_network(pages: Pages, over: asyncio.Event) -> None:
 
 def answer_to(pages: Pages, number: int, path: str, over: bool) -> bytes:
     """Return the answer to a request that no network can answer; `over`: none will begin."""
-    names = pages.names()
+    names, up = pages.names(), "../" if number else ""  # without the secret: others see it, too
     running = [each for each in names if pages.runs(each)]
     if path == "networks" and not number:
         return response(200, JSON, json.dumps({"names": names, "running": running, "over": over}))
@@ -113,10 +115,10 @@ def answer_to(pages: Pages, number: int, path: str, over: bool) -> bytes:
     if path:
         return response(404)
     if running:
-        return response(302, more=f"Location: /{pages.secret}/{running[-1]}/\r\n")
+        return response(302, more=f"Location: {up}{running[-1]}/\r\n")
     last = max(names, default=0)
     words = ENDED.format(last, escape(names[last])) if last else NONE_YET
-    return response(200, HTML, WAITING % (pages.secret, words))
+    return response(200, HTML, WAITING % (up, words))
 
 
 def response(status: int, kind: str = "text/plain", text: str = "", more: str = "") -> bytes:
@@ -127,6 +129,7 @@ def response(status: int, kind: str = "text/plain", text: str = "", more: str = 
 
 if __name__ == "__main__":
     try:
-        asyncio.run(until_a_signal(serve(Pages(Path(sys.argv[1])), place_given() or Place())))
+        pages, place = Pages(Path(sys.argv[1])), place_given() or Place()
+        asyncio.run(until_a_signal(serve(pages, place, for_all=FOR_ALL in sys.argv[2:])))
     except OSError as error:
         sys.exit(f"qmn: {error}")

@@ -19,9 +19,10 @@ from tornado.httpserver import HTTPServer
 from tornado.iostream import StreamClosedError
 from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
 
-from qmn.timeouts import LIVE_LAST_S, LIVE_LIST_S, LIVE_NEWEST_S
+from qmn.timeouts import LIVE_DRAWN_S, LIVE_LAST_S, LIVE_LIST_S, LIVE_NEWEST_S
 from views.live.acts import BadAct, command_for, perform
 from views.live.address import LOOPBACK, Place, listen
+from views.live.hall import shown_to_all
 from views.live.pace import Pace
 from views.live.sources import ACT
 from views.live.timeline import Timeline
@@ -53,10 +54,23 @@ class View:
     opening_s: float = -math.inf  # when a page was asked for that has not asked for messages yet
     now_ns: Callable[[], int] = time.time_ns  # as events are stamped
     streams: set["asyncio.Task[Any]"] = field(default_factory=set)  # of messages, being sent
+    _drawing: asyncio.Lock = field(default_factory=asyncio.Lock)
+    _drawn: tuple[float, str] = (-math.inf, "")  # the handshake, and when
+
+    async def drawn_handshake(self) -> str:
+        """Return the newest handshake: many viewers have it drawn once."""
+        async with self._drawing:
+            if time.monotonic() - self._drawn[0] > LIVE_DRAWN_S:
+                self._drawn = time.monotonic(), await asyncio.to_thread(self.handshake)
+        return self._drawn[1]
 
 
-async def serve(view: View, place: Place, opened: Callable[[str], None]) -> None:
+async def serve(
+    view: View, place: Place, opened: Callable[[str, str], None], *, for_all: bool = False
+) -> None:
     """Serve until this task is cancelled; `opened` gets the address once it can be asked.
+
+    It also gets that of all, "" if the page is not shown to all.
 
     Raise OSError if the place cannot be had.
     """
@@ -80,8 +94,9 @@ async def serve(view: View, place: Place, opened: Callable[[str], None]) -> None
     server = HTTPServer(application, max_body_size=MOST_REQUEST, no_keep_alive=not alone)
     server.add_socket(listener)
     try:
-        opened(f"http://{LOOPBACK}:{port}/{path}/")
-        await asyncio.Event().wait()
+        async with shown_to_all(for_all, place, port, path) as where:
+            opened(f"http://{LOOPBACK}:{port}/{path}/", where)
+            await asyncio.Event().wait()
     finally:
         if not view.timeline.ended:
             await asyncio.sleep(LIVE_NEWEST_S)
@@ -155,7 +170,7 @@ class Network(Answer):
                 "number": self.number,
                 "live": view.live,
                 "over": view.over,
-                "acts": view.acts,
+                "acts": view.acts and self.get_argument("look", None) is None,
                 "origin_ns": str(view.timeline.origin_ns),
                 **view.network,
             }
@@ -167,7 +182,7 @@ class Handshake(Answer):
 
     async def get(self) -> None:
         self.set_header("Content-Type", "text/html; charset=utf-8")
-        self.write(await asyncio.to_thread(self.view.handshake))
+        self.write(await self.view.drawn_handshake())
 
 
 class Messages(Answer):
@@ -230,7 +245,7 @@ class Act(Answer):
         """Perform it; answer with the command and its output."""
         view = self.view
         if not view.acts:
-            raise HTTPError(403, reason="this view is to be looked at alone")
+            raise HTTPError(403, reason="this page is read-only")
         if self.request.headers.get("Content-Type", "").partition(";")[0] != "application/json":
             raise HTTPError(415, reason="an act is application/json")
         try:

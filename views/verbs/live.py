@@ -9,7 +9,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +35,7 @@ from wire.results.run_result import NetworkFacts
 class LiveOptions:
     port: int = option(0, "of the page, on the loopback (one that is free)", range=(0, 65535))
     read_only: bool = option(False, "a page to look at: one cannot act")
+    for_all: bool = option(False, "also a read-only address for all in the network, by TLS")
     browser: bool = option(True, "do not open a browser")
 
 
@@ -59,8 +59,11 @@ def call(arguments: argparse.Namespace) -> int:
         return 2
     try:
         with shown(arguments.run, options.read_only) as view:
-            tell = partial(say, browser=options.browser)
-            asyncio.run(until_a_signal(serve(view, place, tell)))
+
+            def opened(address: str, where: str) -> None:
+                say(address, options.browser, where)
+
+            asyncio.run(until_a_signal(serve(view, place, opened, for_all=options.for_all)))
     except (BadRun, MalformedPacket, NetworkError, OSError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1

@@ -41,7 +41,9 @@ def served(view: View, place: Place = ANYWHERE) -> Iterator[str]:
     ready: Queue[tuple[asyncio.AbstractEventLoop, asyncio.Task[None]]] = Queue()
 
     async def main() -> None:
-        task = asyncio.ensure_future(serve(view, place, said.put))
+        task = asyncio.ensure_future(
+            serve(view, place, lambda address, _for_all: said.put(address))
+        )
         ready.put((asyncio.get_running_loop(), task))
         await asyncio.wait([task])
 

@@ -24,7 +24,7 @@ SERVER = """import asyncio, sys
 from pathlib import Path
 from live_page import ANYWHERE, live
 from views.live.server import serve
-asyncio.run(serve(live(Path(sys.argv[1])), ANYWHERE, lambda url: print(url, flush=True)))
+asyncio.run(serve(live(Path(sys.argv[1])), ANYWHERE, lambda url, _for_all: print(url, flush=True)))
 """
 
 

@@ -489,7 +489,7 @@ def test_nothing_can_be_done_in_a_view_to_be_looked_at(
     with served(live(tmp_path, acts=False)) as url:
         page = opened(chromium, url, said)
         page.get_by_role("button", name="host alice").click()
-        expect(page.locator("#chosen")).to_contain_text("to be looked at alone")
+        expect(page.locator("#chosen")).to_contain_text("This page is read-only")
         expect(page.locator("#chosen form")).to_have_count(0)
         page.close()
 

@@ -52,7 +52,7 @@ export function show(at, chosen, network, state, perform, leave) {
   at.append(head, scrolled("facts"), scrolled("ports"));
   refresh(at, chosen, state);
   if (!network.acts) {
-    at.append(element("p", network.live ? "This view is to be looked at alone." : "This run is over: nothing can be done to it."));
+    at.append(element("p", network.live ? "This page is read-only." : "This run is over: nothing can be done to it."));
     return;
   }
   const forms = document.createElement("div");
