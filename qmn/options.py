@@ -126,7 +126,7 @@ class CommandLineReader(OptionReader):
         """Return a value as its field has it: lists are tuples there, and some texts are paths."""
         if isinstance(given, list):
             return tuple(given)
-        return Path(given) if _kind(option.type) is Path else given
+        return Path(given) if kind_of(option.type) is Path else given
 
 
 class KeywordReader(OptionReader):
@@ -167,7 +167,7 @@ def _flag(option: "Field[Any]", declaration: Declaration) -> str:
 
 
 def _how(option: "Field[Any]", declaration: Declaration) -> dict[str, Any]:
-    help_text, kind = declaration["help"], _kind(option.type)
+    help_text, kind = declaration["help"], kind_of(option.type)
     if kind is bool:
         action = "store_false" if option.default else "store_true"
         return {"action": action, "help": help_text}
@@ -181,7 +181,7 @@ def _how(option: "Field[Any]", declaration: Declaration) -> dict[str, Any]:
     return {**how, "type": declaration.get("parse", kind), "default": default, "help": help_text}
 
 
-def _kind(hint: Any) -> Any:
+def kind_of(hint: Any) -> Any:
     if get_origin(hint) is UnionType:
         hint = next(each for each in get_args(hint) if each is not type(None))
     return get_origin(hint) or hint
@@ -189,7 +189,7 @@ def _kind(hint: Any) -> Any:
 
 def _value(option: "Field[Any]", given: Any) -> Any:
     """Return the value of a keyword, read as its text would be on the command line."""
-    kind, declaration = _kind(option.type), declared(option)
+    kind, declaration = kind_of(option.type), declared(option)
     if given is None and option.default is None:
         return None
     if kind is tuple:

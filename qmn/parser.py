@@ -60,6 +60,8 @@ class Parser(argparse.ArgumentParser):
         """
         self._headings = headings
         self._put_off: Callable[[], None] | None = None
+        # Takes words that are no options of this verb; it may raise ValueError.
+        self.take_unknown: Callable[[argparse.Namespace, list[str]], None] | None = None
         super().__init__(**{"allow_abbrev": False} | given)
 
     def put_off(self, describe: Callable[[], None]) -> None:
@@ -128,6 +130,12 @@ class Parser(argparse.ArgumentParser):
         """Parse; what is unknown to this verb is unknown to all."""
         self.complete()
         found, unknown = super().parse_known_args(args, namespace)
+        if unknown and self.take_unknown is not None:
+            try:
+                self.take_unknown(found, unknown)
+            except ValueError as error:
+                self.error(str(error))
+            return found, []
         if unknown:
             option = unknown[0].partition("=")[0]
             known = [name for name in self._option_string_actions if name.startswith("--")]

@@ -1,4 +1,4 @@
-"""Points measured in networks beside each other, each as on a machine of its own.
+"""Points measured in networks beside each other, each network as on a machine of its own.
 
 Here, as many at a time as there are processors, or by the workers of a Dask cluster.
 """
@@ -7,15 +7,16 @@ import json
 import os
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from functools import partial
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from queue import Empty, SimpleQueue
+from tempfile import TemporaryFile
 from threading import Lock
 
 from evidence.curves.cluster import Measured
 from evidence.curves.experiment import SweepError
 from evidence.curves.grid import Grid, Measurer, Row
-from evidence.curves.parameters import Values, point_seed
+from evidence.curves.parameters import Values
 from evidence.curves.running import estimates
 from evidence.curves.scratch import scratch_folder
 from qmn.timeouts import SWEEP_POLL_S
@@ -33,10 +34,12 @@ class Networks:
         self._running: set[subprocess.Popen[str]] = set()
         self._ended, self._lock = False, Lock()
 
-    def measure(self, runs: Path, name: str, values: Values, seed: int) -> Measured:
-        """Measure a point in a network of its own; raise SweepError, also if it was ended."""
-        asked = {"name": name, "values": values, "seed": seed, "runs": str(runs.absolute())}
-        with scratch_folder() as folder:  # goes also if the program cannot
+    def measure(
+        self, runs: Path, name: str, seed: int, points: Sequence[Values]
+    ) -> Iterator[Measured]:
+        """Measure points in a network of theirs; raise SweepError, also if it was ended."""
+        asked = {"name": name, "points": points, "seed": seed, "runs": str(runs.absolute())}
+        with scratch_folder() as folder, TemporaryFile("w+") as complaints:
             environment = {**os.environ, **ENVIRONMENT, "TMPDIR": folder}
             with self._lock:
                 if self._ended:
@@ -46,19 +49,24 @@ class Networks:
                     env=environment,
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
-                    stderr=subprocess.PIPE,
+                    stderr=complaints,
                     text=True,
                     start_new_session=True,  # a Ctrl-C is ours to pass on
                 )
                 self._running.add(process)
-            output, complaints = process.communicate(json.dumps(asked))
+            assert process.stdin is not None
+            assert process.stdout is not None
+            with process.stdin as words:
+                json.dump(asked, words)
+            with process.stdout as lines:
+                yield from map(json.loads, lines)
+            process.wait()
+            complaints.seek(0)
+            text = complaints.read()
         with self._lock:
             self._running.remove(process)
         if process.returncode:
-            why = cause(complaints) or f"status {process.returncode}, without a word"
-            raise SweepError(why)
-        measured: Measured = json.loads(output)
-        return measured
+            raise SweepError(cause(text) or f"status {process.returncode}, without a word")
 
     def end(self) -> None:
         with self._lock:
@@ -73,23 +81,26 @@ def measure(runs: str, name: str, values: Values, seed: int) -> Measured:
         require_root()
     except NetworkError as error:
         raise SweepError(f"a worker of the Dask cluster cannot: {error}") from error
-    return Networks().measure(Path(runs), name, values, point_seed(name, values, seed))
+    (measured,) = Networks().measure(Path(runs), name, seed, [values])
+    return measured
 
 
 def in_networks(runs: Path, at_once: int, check: Callable[[], None]) -> Measurer:
-    """Return a measurer of `count` points at a time here; `check` may end it by raising."""
+    """Return a measurer of `at_once` networks at a time here; `check` may end it by raising."""
 
     def measurer(grid: Grid, points: Sequence[Values], seed: int) -> Iterator[Row]:
-        name, networks = grid.experiment.name, Networks()
+        networks, rows = Networks(), SimpleQueue[Row]()
+
+        def measure(group: Sequence[Values]) -> None:
+            for values, numbers in zip(
+                group, networks.measure(runs, grid.experiment.name, seed, group), strict=True
+            ):
+                rows.put((values, estimates(numbers)))
+
         with ThreadPoolExecutor(at_once, thread_name_prefix="network") as pool:
-            measure = partial(networks.measure, runs, name)
-            seeds = [point_seed(name, values, seed) for values in points]
-            asked = {
-                pool.submit(measure, values, own_seed): values
-                for values, own_seed in zip(points, seeds, strict=True)
-            }
+            asked = [pool.submit(measure, group) for group in grid.experiment.groups(points)]
             try:
-                yield from _as_they_come(asked, check)
+                yield from _as_they_come(rows, asked, check)
             finally:
                 pool.shutdown(wait=False, cancel_futures=True)
                 networks.end()
@@ -98,11 +109,16 @@ def in_networks(runs: Path, at_once: int, check: Callable[[], None]) -> Measurer
 
 
 def _as_they_come(
-    asked: dict[Future[Measured], Values], check: Callable[[], None]
+    rows: "SimpleQueue[Row]", asked: Sequence[Future[None]], check: Callable[[], None]
 ) -> Iterator[Row]:
-    left = set(asked)
-    while left:
+    """Yield rows until all is done; raise as soon as a network has failed."""
+    while True:
         check()
-        done, left = wait(left, SWEEP_POLL_S, FIRST_COMPLETED)
-        for future in done:
-            yield asked[future], estimates(future.result())
+        ended = [future for future in asked if future.done()]
+        try:
+            yield rows.get(timeout=0 if len(ended) == len(asked) else SWEEP_POLL_S)
+        except Empty:
+            for future in ended:
+                future.result()
+            if len(ended) == len(asked):
+                return

@@ -1,6 +1,6 @@
 """An experiment: the measures that are taken at each point of a grid."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from evidence.curves.estimates import Estimate
@@ -24,11 +24,11 @@ class Measure:
     logarithmic: bool = False
     # Another measure of the experiment that it is drawn over; theory gets its value, too.
     over: Parameter | None = None
+    given: Sequence[str] = ()  # other measures that theory takes; drawn over an axis all the same
 
     def place(self, values: Values, outcome: Outcome) -> Values:
-        if self.over is None:
-            return values
-        return {**values, self.over.name: outcome[self.over.name].value}
+        names = (*self.given, *([self.over.name] if self.over else []))
+        return {**values, **{name: outcome[name].value for name in names}}
 
     def expected(self, values: Values, outcome: Outcome) -> float | None:
         """Return what theory says of the measure at a point, None if nothing."""
@@ -45,8 +45,15 @@ class Experiment:
     measures: tuple[Measure, ...]
     # Values implied by the given ones; the rest is at its default.
     implied: Callable[[Values], Values] = lambda _given: {}
-    # Parameters that the network does not get, at their defaults here: it may have others.
-    unsaid: Callable[[Values], Collection[str]] = lambda _values: ()
+
+    @property
+    def file(self) -> str:
+        """The name of its tables and figures."""
+        return self.name
+
+    def groups(self, points: Sequence[Values]) -> Iterator[Sequence[Values]]:
+        """Yield points that are measured on one network, one after the other."""
+        yield from ([values] for values in points)
 
     @property
     def names(self) -> list[str]:

@@ -12,7 +12,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import EngFormatter
+from matplotlib.ticker import EngFormatter, MaxNLocator
 
 from evidence.curves.estimates import Estimate
 from evidence.curves.experiment import Measure
@@ -66,8 +66,8 @@ class Picture:
 
 
 @mpl.rc_context({"font.size": 10, "axes.grid": True, "grid.alpha": 0.3})
-def draw(picture: Picture, file: Path) -> None:
-    """Write the figure as PNG."""
+def draw(picture: Picture, *files: Path) -> None:
+    """Write the figure, as the ends of the files' names say."""
     apart = residuals(picture)
     width, height = SIZE_INCHES
     figure = Figure(figsize=(width, height * (RESIDUALS if apart else 1)), layout="constrained")
@@ -112,7 +112,8 @@ def draw(picture: Picture, file: Path) -> None:
         figure.legend(handles=handles, loc="outside right upper", fontsize="small")
     else:
         axes.legend(handles=handles, fontsize="small")
-    figure.savefig(file, dpi=DOTS_PER_INCH)
+    for file in files:
+        figure.savefig(file, dpi=DOTS_PER_INCH)
 
 
 def residuals(picture: Picture) -> dict[int, list[tuple[Value, float]]]:
@@ -178,7 +179,7 @@ def _theory(picture: Picture, points: list[Point]) -> tuple[list[Value], list[fl
     """Return the line of theory, None if there is none for all of it."""
     theory: Callable[[Values], float | None] = picture.measure.theory
     name = picture.x.name
-    if picture.x.choices:
+    if picture.x.choices or picture.measure.given:  # which is known at points alone
         line = [(values[name], theory(values)) for values, _estimate in points]
     else:
         places = _dense(picture, [values[name] for values, _estimate in points])
@@ -210,6 +211,8 @@ def _scale(axes: Axes, picture: Picture) -> None:
     points = [point for _label, series in picture.series for point in series]
     if picture.x.unit in PREFIXED_UNITS:
         axes.xaxis.set_major_formatter(EngFormatter(unit=picture.x.unit))
+    if picture.x.whole:
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     if not picture.x.choices:
         numbers = [float(values[picture.x.name]) for values, _estimate in points]
         if _spans_decades(numbers):

@@ -5,6 +5,7 @@ A value is typed as 0.1, several as 0.1,0.2,0.5, evenly spaced ones as from:to:c
 """
 
 import json
+import math
 import re
 from dataclasses import dataclass, fields
 from hashlib import blake2b
@@ -14,6 +15,7 @@ import numpy as np
 
 from wire.parameters.checks import share
 from wire.parameters.option import UNITS, unit_of
+from wire.parameters.quantity import quantity
 
 Value = float | int | str
 Values = dict[str, Value]
@@ -60,6 +62,9 @@ class Parameter:
         if self.choices:
             return f"choose {', '.join(self.choices)}"
         number = " (a whole number)" if self.whole else ""
+        if self.most == math.inf:
+            kind = "whole number" if self.whole else "number"
+            return f"choose a {kind}{f' of {self.unit}' if self.unit else ''}"
         unit = f" {self.unit}" if self.unit else ""
         return f"choose {self.least:g} to {self.most:g}{unit}{number}"
 
@@ -88,7 +93,7 @@ class Parameter:
         if isinstance(given, bool) or not isinstance(given, (int, float, str)):
             raise self._bad(given)
         try:
-            number = float(given)
+            number = quantity(self.name, str(given), float)
         except ValueError:
             raise self._bad(given) from None
         if not self.least <= number <= self.most or (self.whole and not number.is_integer()):
@@ -122,6 +127,11 @@ class Parameter:
 
     def _spaced(self, text: str) -> list[float]:
         parts = text.split(":")
+        if self.whole and len(parts) == 2:  # 1:8 are all of these
+            least, most = (int(self.value(part)) for part in parts)
+            if not least < most < least + MAX_VALUES:
+                raise BadGrid(f"{self.name} {text}: write the smaller one first, as 1:8")
+            return [*range(least, most + 1)]
         logarithmic = parts[3:] == ["log"]
         if len(parts) != (4 if logarithmic else 3):
             raise BadGrid(f"{self.name} {text}: write from:to:count or from:to:count:log")

@@ -31,6 +31,7 @@ def _picture(
     x_label = x.label
     if measure.over is not None:
         x_label = grid.experiment.measure(x.name).label
+    if measure.over is not None or measure.given:
         # Where it was not measured, the place on the axis is not known either.
         seen = [row for row in rows if not math.isnan(row[1][measure.name].value)]
         rows = [(measure.place(values, outcome), outcome) for values, outcome in seen]

@@ -1,6 +1,7 @@
 """A sweep from its grid to its rows: what is known already, what is measured, what theory says."""
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
 
@@ -10,7 +11,7 @@ from evidence.curves import catalogue, cluster
 from evidence.curves.estimates import Estimate
 from evidence.curves.experiment import Experiment, Outcome
 from evidence.curves.grid import Grid, Measurer, Row
-from evidence.curves.parameters import Values
+from evidence.curves.parameters import Value, Values
 from evidence.curves.table import Table
 
 
@@ -20,10 +21,22 @@ def missing(grid: Grid, seed: int, table: Table) -> list[Values]:
 
 
 def fill(grid: Grid, seed: int, table: Table, measurer: Measurer) -> Iterator[Row]:
-    """Measure what is missing; yield each point when it is in the table."""
-    for values, outcome in measurer(grid, missing(grid, seed, table), seed):
-        table.add(values, seed, outcome)
-        yield values, outcome
+    """Measure what is missing; yield each point as it comes.
+
+    The table has them in the grid's order, unless the sweep is interrupted.
+    """
+    points = deque(missing(grid, seed, table))
+    come: dict[tuple[Value, ...], Outcome] = {}  # and not in the table yet
+    try:
+        for values, outcome in measurer(grid, list(points), seed):
+            come[tuple(values.values())] = outcome
+            while points and (key := tuple(points[0].values())) in come:
+                table.add(points.popleft(), seed, come.pop(key))
+            yield values, outcome
+    finally:
+        for values in points:
+            if (key := tuple(values.values())) in come:
+                table.add(values, seed, come[key])
 
 
 def rows(grid: Grid, seed: int, table: Table) -> list[Row]:

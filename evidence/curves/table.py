@@ -31,8 +31,7 @@ class Table:
 
     def add(self, values: Values, seed: int, outcome: Outcome) -> None:
         """Append a point; it is on the disk when this returns."""
-        cells = {**values, **dict.fromkeys(self._experiment.unsaid(values), "")}
-        row: list[object] = [seed, *(cells[each.name] for each in self._experiment.parameters)]
+        row: list[object] = [seed, *(values[each.name] for each in self._experiment.parameters)]
         for measure in self._experiment.measures:
             theory = measure.expected(values, outcome)
             estimate = outcome[measure.name]
@@ -57,14 +56,7 @@ class Table:
             raise ValueError(f"{len(line)} columns instead of {columns}")
         own = iter(line)
         seed = int(next(own))
-        cells = {each.name: next(own) for each in experiment.parameters}
-        values = {
-            each.name: each.value(cells[each.name]) if cells[each.name] else each.default
-            for each in experiment.parameters
-        }
-        empty = {name for name, text in cells.items() if not text and values[name] != ""}
-        if wrong := empty.difference(experiment.unsaid(values)):
-            raise ValueError(f"{min(wrong)} is empty")
+        values = {each.name: each.value(next(own)) for each in experiment.parameters}
         outcome = {}
         for measure in experiment.measures:
             value, error, _theory = next(own), next(own), next(own)

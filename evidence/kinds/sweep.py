@@ -1,13 +1,14 @@
 """Measure a grid of parameters, for a table and figures.
 
-On the dispatcher's physical layer alone, or with --emulate in a whole network for each point.
+Of an experiment on the dispatcher's physical layer alone, or of a job over the network: axes are
+any option of `qmn run JOB`, and settings of its parts (node.memory.t2_s is of every host).
 """
 
 import argparse
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -30,10 +31,13 @@ from evidence.curves.grid import Grid, Measurer
 from evidence.curves.lines import BadTable
 from evidence.curves.parameters import BadGrid
 from evidence.curves.table import Table, opened
+from evidence.networks import job_sweep
 from evidence.networks.catalogue import EMULATED
+from evidence.networks.job_sweep import WHAT
 from qmn.needs import Needs
 from qmn.options import add_options, read, titled
 from qmn.parser import Parser, listed
+from qmn.requests.of_job import JOBS
 from qmn.requests.run_options import LiveOptions
 from qmn.results.run_folder import give_tree
 from topologies.networks.network import Interrupted, Signals, require_root
@@ -45,15 +49,18 @@ from wire.parameters.option import option
 MAX_WORKERS = 256
 PARTS = ("source", "detectors", "analyser", "memory", "gates")  # whose parameters are so named
 EXAMPLES = """
-`qmn lab sweep WHAT --help` lists the parameters of WHAT.
+`qmn lab sweep WHAT --help` lists the parameters of WHAT, `qmn run JOB --help` the options of JOB.
+A JOB that is also an experiment is swept over the network if an axis is none of the experiment's,
+or with --emulate.
 
-values: 0.1   0.1,0.2,0.5   from:to:count (0:0.2:11)   from:to:count:log (1e-3:1:7:log)
+values: 0.1   0.1,0.2,0.5   1:8 (whole numbers)   0:0.2:11 (from:to:count)   1e-3:1:7:log
 
 examples:
   qmn lab sweep sdc --depolarizing 0:0.2:11
   qmn lab sweep sdc --depolarizing 0.01:0.2:8 --fec none,golay --interleave off,on --pairs 1000000
-  qmn lab sweep sdc --emulate --depolarizing 0:0.002:5
-  qmn lab sweep teleport --emulate --copper-mbps 0.5:20:8:log --memory-t2-s 0.05
+  qmn lab sweep swap --repeaters 1:8 --node.memory.t2_s 0.01,0.1,1
+  qmn lab sweep qkd --eve 0:0.3:7 --count 10000
+  qmn lab sweep teleport --emulate --copper-mbps 0.5:20:8:log --node.memory.t2_s 50ms
 """
 
 
@@ -63,9 +70,7 @@ class SweepOptions(LiveOptions):
 
     what: str  # an experiment, or a file that names one
     axes: Mapping[str, str]  # values of parameters, by name, as the user says them
-    emulate: bool = option(
-        False, "a whole network for each point (root; sdc, teleport, and those of `qmn lab demo`)"
-    )
+    emulate: bool = option(False, "over networks (root; jobs, and those of `qmn lab demo`)")
     seed: int | None = option(None, "of all randomness (1)")
     out: Path = option(Path("sweeps"), "(sweeps)", metavar="FOLDER")
     workers: int | None = option(
@@ -79,9 +84,10 @@ def names() -> dict[str, str]:
 
 
 def describe(parser: Parser) -> None:
-    parser.usage = "qmn lab sweep WHAT|FILE.toml [--PARAMETER VALUES …] [options]"
+    parser.usage = "qmn lab sweep WHAT|JOB|FILE.toml [--PARAMETER VALUES …] [options]"
     parser.description = __doc__
-    parser.epilog = listed("WHAT", names()) + EXAMPLES
+    parser.epilog = listed("WHAT", names()) + "\n" + listed("JOB", WHAT) + EXAMPLES
+    parser.take_unknown = take_axes
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     text = "one of those below, or a file that names one"
     parser.add_argument("what", metavar="WHAT|FILE.toml", help=text)
@@ -92,11 +98,32 @@ def describe(parser: Parser) -> None:
         titled(parser, f"the grid{part}").add_argument(
             f"--{name.replace('_', '-')}", dest=f"axis_{name}", metavar="VALUES", help=helps
         )
-    parser.set_defaults(call=call, needs=_needed)
+    parser.set_defaults(call=call, needs=_needed, further={})
+
+
+def take_axes(arguments: argparse.Namespace, words: Sequence[str]) -> None:
+    """Take options that no experiment has as axes of a job; raise ValueError for what is none."""
+    further, left = {}, list(words)
+    while left:
+        flag, equals, text = left.pop(0).partition("=")
+        if not flag.startswith("--"):
+            raise ValueError(f"unexpected argument {flag!r}")
+        if not equals and not (left and not left[0].startswith("--")):
+            raise ValueError(f"{flag} has no value: write {flag} VALUES")
+        further[axis_name(flag)] = text if equals else left.pop(0)
+    arguments.further = further
+
+
+def axis_name(flag: str) -> str:
+    """Return the name of an axis; settings of parts have hyphens between two nodes."""
+    name = flag.removeprefix("--")
+    return name if "." in name else name.replace("-", "_")
 
 
 def _needed(arguments: argparse.Namespace) -> Needs:
-    return Needs.ROOT if starts_networks(arguments) else Needs.NOTHING
+    with suppress(BadGrid):  # which is refused without root
+        return Needs.ROOT if starts_networks(arguments) else Needs.NOTHING
+    return Needs.NOTHING
 
 
 class Help(argparse.Action):
@@ -125,13 +152,32 @@ class Help(argparse.Action):
 
 
 def starts_networks(asked: SweepOptions | argparse.Namespace) -> bool:
-    return bool(asked.emulate and not asked.scheduler)
+    axes = asked.axes if isinstance(asked, SweepOptions) else _axes_of(asked)
+    content = content_of(asked.what)
+    axes = {**content.get("grid", {}), **axes}
+    return is_over_networks(content["sweep"], asked.emulate, axes) and not asked.scheduler
+
+
+def content_of(what: str) -> dict[str, Any]:
+    """Return what a TOML file says, or the name alone; raise BadGrid."""
+    return grids.read(Path(what)) if what.endswith(".toml") else {"sweep": what}
+
+
+def is_over_networks(what: str, emulate: bool, axes: Collection[str]) -> bool:
+    """Return whether a network measures: it alone knows the job, or an axis."""
+    if emulate or what not in EXPERIMENTS:
+        return emulate or what in JOBS
+    return what in JOBS and not set(EXPERIMENTS[what].names).issuperset(axes)
+
+
+def _axes_of(arguments: argparse.Namespace) -> dict[str, str]:
+    given = {name: getattr(arguments, f"axis_{name}") for name in _axes()}
+    known = {name: text for name, text in given.items() if text is not None}
+    return {**known, **arguments.further}
 
 
 def options_of(arguments: argparse.Namespace) -> SweepOptions:
-    given = {name: getattr(arguments, f"axis_{name}") for name in _axes()}
-    axes = {name: text for name, text in given.items() if text is not None}
-    return read(SweepOptions, arguments, axes=axes)
+    return read(SweepOptions, arguments, axes=_axes_of(arguments))
 
 
 def call(arguments: argparse.Namespace) -> int:
@@ -154,26 +200,27 @@ def run(options: SweepOptions) -> int:
 
 def grid_of(options: SweepOptions) -> tuple[Grid, int]:
     """Return grid and seed; raise BadGrid before anything is started."""
-    content: dict[str, Any] = {"sweep": options.what}
-    if options.what.endswith(".toml"):
-        content = grids.read(Path(options.what))
-    experiment = experiment_of(content["sweep"], options.emulate)
+    content = content_of(options.what)
     given = {**content.get("grid", {}), **options.axes}
     seed = content.get("seed", 1) if options.seed is None else options.seed
     if isinstance(seed, bool) or not isinstance(seed, int):
         raise BadGrid(f"seed {seed!r} is not a whole number")
-    if options.shown and not starts_networks(options):
-        raise BadGrid("--live: networks to look at start here with --emulate, without --scheduler")
     if options.workers is not None and not 1 <= options.workers <= MAX_WORKERS:
         raise BadGrid(f"--workers {options.workers}: choose 1 to {MAX_WORKERS}")
-    return grids.build(experiment, given), seed
+    networks = is_over_networks(content["sweep"], options.emulate, given)
+    if options.shown and not (networks and not options.scheduler):
+        raise BadGrid("--live: networks to look at start here with --emulate, without --scheduler")
+    if networks and content["sweep"] in JOBS:
+        return job_sweep.grid_of(content["sweep"], given), seed
+    return grids.build(experiment_of(content["sweep"], options.emulate), given), seed
 
 
 def experiment_of(name: str, emulate: bool) -> Experiment:
     known = EMULATED if emulate else EXPERIMENTS
     if name not in known:
         where = " with --emulate" if emulate else ""
-        raise BadGrid(f"unknown sweep {name!r}{where}: {remedy(name, [*known, 'or a .toml file'])}")
+        names = dict.fromkeys([*known, *JOBS, "or a .toml file"])
+        raise BadGrid(f"unknown sweep {name!r}{where}: {remedy(name, names)}")
     return known[name]
 
 
@@ -187,13 +234,13 @@ def sweep(grid: Grid, seed: int, options: SweepOptions, signals: Signals, consol
 
     if starts_networks(options):
         require_root()
-    name = f"{grid.experiment.name}{'-emulated' if options.emulate else ''}"
+    name = f"{grid.experiment.file}{'-emulated' if grid.experiment.name in EMULATED else ''}"
     with opened(options.out / f"{name}.csv", grid.experiment) as table:
         _tell_beginning(console, grid, seed, table, len(running.missing(grid, seed, table)))
         if running.missing(grid, seed, table):
             with (
                 page_of_command(options.live, for_all=options.live_for_all),
-                measuring(options, signals.check) as measurer,
+                measuring(grid.experiment, options, signals.check) as measurer,
             ):
                 _follow(console, grid, seed, table, measurer)
         rows = running.rows(grid, seed, table)
@@ -204,8 +251,8 @@ def sweep(grid: Grid, seed: int, options: SweepOptions, signals: Signals, consol
     console.print(f"table    {parquet}" if parquet else WITHOUT, soft_wrap=True)
     for picture in pictures(grid, rows):
         file = options.out / f"{name}-{picture.measure.name}.png"
-        draw(picture, file)
-        console.print(f"figure   {file}", soft_wrap=True)
+        draw(picture, file, file.with_suffix(".pdf"))
+        console.print(f"figure   {file}, and .pdf", soft_wrap=True)
     for text in running.disagreements(grid.experiment, rows):
         console.print(f"further from theory than 5 standard errors: {text}", soft_wrap=True)
     give_tree(options.out)
@@ -213,7 +260,9 @@ def sweep(grid: Grid, seed: int, options: SweepOptions, signals: Signals, consol
 
 
 @contextmanager
-def measuring(options: SweepOptions, check: Callable[[], None]) -> Iterator[Measurer]:
+def measuring(
+    experiment: Experiment, options: SweepOptions, check: Callable[[], None]
+) -> Iterator[Measurer]:
     """Give what measures points: on the physical layer or in networks, here or on a cluster."""
     from evidence.curves import beside, running
 
@@ -222,7 +271,7 @@ def measuring(options: SweepOptions, check: Callable[[], None]) -> Iterator[Meas
         yield beside.in_networks(runs, workers, check)
         return
     with running.client(options.scheduler, workers) as client:
-        if options.emulate:
+        if options.emulate or isinstance(experiment, job_sweep.JobSweep):
             yield running.on_cluster(client, check, partial(beside.measure, str(runs)))
         else:
             yield running.on_cluster(client, check)

@@ -1,4 +1,4 @@
-"""The experiments in whole networks that there are, and the demos, each on a grid that shows it."""
+"""The experiments in whole networks beside sweeps of jobs: demos, each on a grid that shows it."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -12,8 +12,6 @@ from evidence.networks import (
     control,
     flapping,
     head_of_line,
-    superdense,
-    teleportation,
 )
 from topologies.networks.network import Signals
 
@@ -65,16 +63,8 @@ DEMOS: Mapping[str, Demo] = MappingProxyType(
     }
 )
 EMULATED: Mapping[str, Experiment] = MappingProxyType(
-    {
-        "sdc": superdense.SUPERDENSE,
-        "teleport": teleportation.TELEPORT,
-        **{demo.experiment.name: demo.experiment for demo in DEMOS.values()},
-    }
+    {demo.experiment.name: demo.experiment for demo in DEMOS.values()}
 )
 MEASURED_BY: Mapping[str, Measurer] = MappingProxyType(
-    {
-        "sdc": superdense.measure,
-        "teleport": teleportation.measure,
-        **{demo.experiment.name: demo.measure for demo in DEMOS.values()},
-    }
+    {demo.experiment.name: demo.measure for demo in DEMOS.values()}
 )

@@ -20,7 +20,6 @@ from evidence.curves.experiment import Experiment, Measure, Outcome, number
 from evidence.curves.parameters import Parameter, Values
 from evidence.networks.datagrams import LEAST_FRAME_BYTES, MOST_FRAME_BYTES
 from evidence.networks.point_network import network_for, session
-from evidence.networks.teleportation import WAITED
 from qmn.timeouts import EMULATED_READY_S
 from topologies.networks.network import Signals
 from topologies.system.processes.programs import python
@@ -32,6 +31,7 @@ FRAME = Parameter("frame_bytes", 1250, LEAST_FRAME_BYTES, MOST_FRAME_BYTES)
 T2 = Parameter("memory_t2_s", 0.4, 1e-3, 1e6, "s")
 BLOCKS = Parameter("blocks", 100, 20, 10_000)
 ALONE = Parameter("alone_s", 30.0, 1.0, 600.0, "s")  # that datagrams pass before
+WAITED = Parameter("measured_wait_s", 0.0)
 BLOCK_STATES = 100  # their bits are one short packet
 HEAR = "datagrams.heard"
 PROGRAM = "evidence.networks.datagrams"

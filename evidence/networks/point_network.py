@@ -1,13 +1,13 @@
 """The network of a point of an experiment: which one, its fibres, its software, sessions in it."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from mininet.topo import Topo
 
-from evidence.curves.experiment import Experiment, SweepError, number
+from evidence.curves.experiment import Experiment, SweepError
 from evidence.curves.parameters import Parameter, Values
 from hosts.client import BlockingSession, blocking_session
 from hosts.stack_socket import QuantumSocketError
@@ -21,15 +21,7 @@ from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.system.processes.programs import NetworkError
 from wire.parameters.delays import MOST_NS
 
-TOPOLOGY = Parameter("topology", "sdc", text="a name of `qmn run`, or FILE.py:CLASS")
-MAP = Parameter("map", "", text="a known map or a file")
-SENDER = Parameter("from", "alice", text="the host that asks")
-RECEIVER = Parameter("to", "bob", text="the host that is asked")
-PLACES = (TOPOLOGY, MAP, SENDER, RECEIVER)
-CONTROLLER_DELAY, HOST_DELAY, AGENT_DELAY = SOFTWARE = tuple(
-    Parameter(f"{name}_delay_s", 0.0, 0.0, MOST_NS / 1e9, "s")
-    for name in ("controller", "host", "switch_agent")
-)
+CONTROLLER_DELAY = Parameter("controller_delay_s", 0.0, 0.0, MOST_NS / 1e9, "s")
 
 
 @contextmanager
@@ -65,41 +57,5 @@ def session(
         asked.end()
 
 
-def delays(values: Values) -> dict[str, str]:
-    """Return what software takes, as options of a network."""
-    return {each.name.removesuffix("_s"): delay(number(values, each.name)) for each in SOFTWARE}
-
-
 def delay(seconds: float) -> str:
     return f"{round(seconds * 1e9)}ns"
-
-
-def is_default(values: Values) -> bool:
-    """Return whether it is the network that theory covers: one switch, alice and bob."""
-    return all(values[place.name] == place.default for place in PLACES)
-
-
-def topology_options(values: Values) -> dict[str, Any]:
-    name, known_map = values[TOPOLOGY.name], values[MAP.name] or None
-    only_map = known_map is not None and name == TOPOLOGY.default
-    return {"topology": "" if only_map else name, "map": known_map}
-
-
-def fiber_settings(values: Values, parameters: Sequence[Parameter]) -> tuple[str, ...]:
-    """Return the settings of every fibre; of other networks only those that are not defaults.
-
-    Their fibres may have optics of their own, and their `build` need not take any.
-    """
-    omitted = left_to_network(parameters, values)
-    return tuple(
-        f"{parameter.name}={values[parameter.name]}"
-        for parameter in parameters
-        if parameter.name not in omitted
-    )
-
-
-def left_to_network(parameters: Sequence[Parameter], values: Values) -> set[str]:
-    """Return the parameters of fibres for which other networks have values of their own."""
-    if is_default(values):
-        return set()
-    return {each.name for each in parameters if values[each.name] == each.default}

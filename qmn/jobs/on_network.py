@@ -103,7 +103,9 @@ def run(network: Network, made: Made, job: str, given: Mapping[str, Any], number
 def _require_same(made: Made, job: str, given: Mapping[str, Any]) -> None:
     """Raise BadInput for an option of networks that has another value in this one."""
     options = made.description.options
-    asked = from_keywords(NetworkOptions, given, topology=given.get("topology", options.topology))
+    named = {name: value for name, value in given.items() if name != "topology"}
+    topology = given.get("topology", options.topology)
+    asked = from_keywords(NetworkOptions, named, topology=topology)
     for name in sorted(given):
         if (value := getattr(asked, name)) != (stands := getattr(options, name)):
             error = _fixed_at_start(job, name, value)

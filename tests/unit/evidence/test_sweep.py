@@ -143,24 +143,27 @@ def test_a_file_with_a_grid_is_swept_and_flags_come_first(tmp_path: Path, schedu
     assert line[:3] == ["4", "0.7", "6000"]
 
 
-SWAP_ALONE = (
-    "unknown sweep 'swap' with --emulate: choose one of sdc, teleport, congestion, control, "
-    "flapping, head-of-line, or a .toml file"
-)
-
-
 @pytest.mark.parametrize(
     ("words", "text"),
     [
         (["nonsense"], "unknown sweep 'nonsense': choose one of sdc, teleport"),
-        (["swap", "--emulate"], SWAP_ALONE),
-        (["teleport", "--emulate", "--copper-mbps", "0"], "choose 0.001 to 10000 Mbit/s"),
-        (["teleport", "--copper-mbps", "1"], "copper_mbps is not a parameter of teleport"),
-        (["teleport", "--depolarizing", "0.1"], "depolarizing is not a parameter of teleport"),
+        (["hom", "--emulate"], "unknown sweep 'hom' with --emulate: choose one of congestion"),
+        (["hom", "--copper-mbps", "1"], "copper_mbps is not a parameter of hom"),
+        (["hom", "--repeaters", "1"], "repeaters is not a parameter of hom"),
         (["teleport", "--fidelity", "0.1"], "fidelity '0.1': choose 0.25 to 1"),
         (["teleport", "--workers", "0"], "--workers 0: choose 1 to 256"),
         (["/nowhere.toml"], "cannot read /nowhere.toml"),
-        (["sdc", "--emulate", "--pairs", "5000"], "pairs is not a parameter of sdc"),
+        (["sdc", "--emulate", "--pairs", "5000"], "sdc has no option pairs"),
+        (["teleport", "--emulate", "--copper-mbps", "0"], "choose 0.001 to 10000 Mbit/s"),
+        (["swap", "--repeaters", "1:80"], "65 repeaters: choose 1 to 64"),
+        (["swap", "--repeaters", "3:1"], "write the smaller one first, as 1:8"),
+        (["swap", "--repeatres", "1"], "swap has no option repeatres: did you mean repeaters?"),
+        (["swap", "--node.memory.t3_s", "1"], "memory has no t3_s: did you mean t2_s?"),
+        (["swap", "--node.memory.t2_s", "1km"], "'1km': choose a number of s"),
+        (["swap", "--x.memory.t2_s", "1"], "x: choose one of alice, bob, r1"),
+        (["swap", "--q1-qx.length_km", "1"], "no fibre q1-qx"),
+        (["teleport", "--eve", "0.1"], "eve has no effect on teleport"),
+        (["swap", "--schedule", "nestd"], "choose parallel, left-to-right, nested"),
     ],
 )
 def test_bad_input_is_refused_before_anything_runs(

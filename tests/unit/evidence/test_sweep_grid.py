@@ -9,7 +9,6 @@ from evidence.curves.catalogue import EXPERIMENTS
 from evidence.curves.grid import Grid, build
 from evidence.curves.parameters import BadGrid, Parameter
 from evidence.networks.catalogue import EMULATED
-from evidence.networks.point_network import SENDER, TOPOLOGY, fiber_settings
 
 SDC = EXPERIMENTS["sdc"]
 
@@ -144,21 +143,14 @@ def test_names_are_said_with_their_unit() -> None:
     assert length.label == "loss (dB/km)"
 
 
+TOPOLOGY, SENDER = Parameter("topology", "", text="any"), Parameter("from", "", text="the asker")
+
+
 def test_text_is_taken_as_it_is_also_with_colons_and_several_with_commas() -> None:
     assert TOPOLOGY.axis("my_net.py:MyNet") == ["my_net.py:MyNet"]
     assert SENDER.axis("h1,h2") == ["h1", "h2"]
-    with pytest.raises(BadGrid, match="from 7: the host that asks"):
+    with pytest.raises(BadGrid, match="from 7: the asker"):
         SENDER.value(7)
-
-
-def test_of_other_networks_is_said_what_is_not_as_by_default() -> None:
-    known = EMULATED["sdc"].complete({"depolarizing": 0.5})
-    other = {**known, "topology": "my_net.py:MyNet"}
-    length, depolarizing = Parameter("length_km", 0.01), Parameter("depolarizing", 0.0)
-    words = [fiber_settings(each, (length, depolarizing)) for each in (known, other)]
-    assert words == [("length_km=0.01", "depolarizing=0.5"), ("depolarizing=0.5",)]
-    theories = [EMULATED["sdc"].measure("arrived").theory(each) for each in (known, other)]
-    assert theories == [1.0, None]
 
 
 def parameters() -> list[Parameter]:

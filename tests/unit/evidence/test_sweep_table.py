@@ -1,6 +1,5 @@
 """A sweep goes on where it was interrupted."""
 
-import csv
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,6 @@ from evidence.curves.experiment import Outcome
 from evidence.curves.lines import BadTable
 from evidence.curves.parameters import Values
 from evidence.curves.table import opened
-from evidence.networks.catalogue import EMULATED
 
 TELEPORT = EXPERIMENTS["teleport"]
 SEED = 1
@@ -103,40 +101,4 @@ def test_two_sweeps_do_not_write_to_one_table(file: Path) -> None:
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("")
     with pytest.raises(BadTable, match="cannot write"), opened(tmp_path / "taken/x.csv", TELEPORT):
-        pass
-
-
-@pytest.mark.parametrize(("name", "passed"), [("sdc", "arrived"), ("teleport", "teleported")])
-def test_what_a_network_of_ones_own_is_not_told_is_empty(
-    tmp_path: Path, name: str, passed: str
-) -> None:
-    """Its fibres have the length and the loss that its file says, not the defaults of a sweep."""
-    experiment, path = EMULATED[name], tmp_path / "sweep.csv"
-    outcome = {measure.name: Estimate(0.5, 0.1) for measure in experiment.measures}
-    own: Values = {"topology": "mine.py:Lab"}
-    given: list[Values] = [{}, own, {**own, "depolarizing": 0.02}]
-    points = [experiment.complete(each) for each in given]
-    with opened(path, experiment) as table:
-        for values in points:
-            table.add(values, SEED, outcome)
-    rows = list(csv.DictReader(path.read_text().splitlines()))
-    assert [row["depolarizing"] for row in rows] == ["0.0", "", "0.02"]
-    assert [row[f"{passed}_theory"] == "" for row in rows] == [False, True, True]
-    if name == "sdc":
-        assert [row["length_km"] for row in rows] == ["0.01", "", ""]
-    with opened(path, experiment) as table:
-        assert [table.get(values, SEED) for values in points] == [outcome] * 3
-
-
-def test_an_empty_value_of_the_network_that_is_told_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "sweep.csv"
-    experiment = EMULATED["teleport"]
-    outcome = {measure.name: Estimate(0.5, 0.1) for measure in experiment.measures}
-    with opened(path, experiment) as table:
-        table.add(experiment.complete({"depolarizing": 0.02}), SEED, outcome)
-    path.write_text(path.read_text().replace(",0.02,", ",,"))
-    with (
-        pytest.raises(BadTable, match="line 2: depolarizing is empty; remove"),
-        opened(path, experiment),
-    ):
         pass

@@ -1,0 +1,226 @@
+"""Sweeps of any job over the network: its options and settings as axes, several points a network.
+
+An axis is an option of `qmn run JOB` (repeaters, count), or a setting of a part: node.memory.t2_s
+of every host, bob.memory.t2_s of one, fiber.NAME and switch.NAME of all, q1-q2.NAME of a fibre.
+Points that differ in options of the job alone share a network that goes on standing.
+"""
+
+import math
+from argparse import ArgumentTypeError
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import Field, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from evidence.curves.experiment import Experiment, Outcome, SweepError
+from evidence.curves.grid import Grid
+from evidence.curves.parameters import BadGrid, Parameter, Value, Values, point_seed
+from evidence.networks.metrics import measures_of, outcome_of
+from hosts.middleware.services import NAMES
+from hosts.middleware.session.errors import SessionError
+from qmn.jobs.on_network import network_for
+from qmn.jobs.transfer import TransferError
+from qmn.network.custom_topology import BadTopology
+from qmn.network.options import NetworkOptions
+from qmn.network.part_options import FIBER, SWITCH
+from qmn.network.time_scale import STEPPED
+from qmn.network.topologies import topology
+from qmn.options import BadInput, kind_of
+from qmn.requests.of_job import FLAGS, OF_NETWORK
+from qmn.requests.service import ServiceRequest
+from qmn.requests.service_verbs import VERBS
+from qmn.requests.superdense import SuperdenseRequest
+from qmn.results.run_folder import begin_folder
+from qmn.scripting import start_for
+from topologies.system.processes.programs import NetworkError
+from wire.parameters.checks import check_names, remedy
+from wire.parameters.option import declared, unit_of
+from wire.parameters.physics import Device
+
+OF_PARTS = "fiber", "switch", "node", "device"  # options that are lists of words
+TEXT = "a text"
+SWITCHES = {"on": True, "off": False}
+AT_START = OF_NETWORK | {"schedule", "purify", "protocol", "source", "sender", "receiver"}
+MOST_POINTS = 50  # on one network: further ones go to another processor
+
+
+@dataclass(frozen=True)
+class JobSweep(Experiment):
+    """A sweep of a job, whose parameters are the axes that were given."""
+
+    @property
+    def file(self) -> str:
+        """Return the name of its table: other axes are other columns."""
+        return "-".join((self.name, *(self.names or ["network"])))
+
+    def groups(self, points: Sequence[Values]) -> Iterator[list[Values]]:
+        """Yield points that share a network, in order."""
+        found: dict[tuple[Value, ...], list[Values]] = {}
+        for values in points:
+            fixed = tuple(value for name, value in values.items() if is_at_start(name))
+            found.setdefault(fixed, []).append(values)
+        for group in found.values():
+            for begin in range(0, len(group), MOST_POINTS):
+                yield group[begin : begin + MOST_POINTS]
+
+
+def is_at_start(name: str) -> bool:
+    """Return whether a network has to be started for each value of an axis."""
+    return "." in name or FLAGS.get(name, name) in AT_START
+
+
+def grid_of(job: str, given: Mapping[str, object]) -> Grid:
+    """Return the grid of a job's axes; raise BadGrid for what cannot be, before any start."""
+    given = dict(given)
+    if isinstance(named := given.pop("topology", None), str):
+        given = {**_shape(named), **given}
+    names = sorted(given, key=is_at_start, reverse=True)  # points of a network are neighbours
+    parameters = {name: parameter_of(job, name) for name in names}
+    axes: dict[str, list[Value]] = {
+        name: [str(given[name])] if each.text else each.axis(given[name])
+        for name, each in parameters.items()
+    }
+    grid = Grid(
+        JobSweep(job, f"{job}: {WHAT[job]}", tuple(parameters.values()), measures_of(job)), axes
+    )
+    first = {name: values[0] for name, values in axes.items()}
+    for name, values in axes.items():
+        for value in values:
+            check(job, {**first, name: value})
+    return grid
+
+
+def _shape(text: str) -> dict[str, object]:
+    """Return the topology and its parameters as axes of one value: chain,switches=5."""
+    try:
+        return dict[str, object](topology(text))
+    except ArgumentTypeError as error:
+        raise BadGrid(f"topology {error}") from error
+
+
+WHAT = {"sdc": "send a message by superdense coding", **{k: v.help for k, v in VERBS.items()}}
+
+
+def check(job: str, values: Values) -> None:
+    """Raise BadGrid for a point that the job cannot be."""
+    try:
+        network_for(job, options_of(values, 1))
+    except (BadInput, BadTopology, SessionError) as error:
+        raise BadGrid(str(error)) from error
+
+
+def parameter_of(job: str, name: str) -> Parameter:
+    """Return an option or a setting as a parameter; raise BadGrid for one there is not."""
+    if "." in name:
+        return _parameter_of_part(name)
+    if name == "topology":
+        return Parameter(name, "", text=TEXT)
+    known = _options(job)
+    option = known.get(FLAGS.get(name, name))
+    if option is None:
+        listed = (f"those of `qmn run {job} --help`",)
+        raise BadGrid(f"{job} has no option {name}: {remedy(name, known, listed)}")
+    words, kind = declared(option), kind_of(option.type)
+    if kind is bool:
+        return Parameter(name, "off", choices=tuple(SWITCHES))
+    if "choices" in words:
+        return Parameter(name, "", choices=tuple(words["choices"]))
+    if kind not in (int, float):  # also lists of words, which spaces part
+        return Parameter(name, "", text=TEXT)
+    return _number(name, kind, words.get("range"))
+
+
+def _number(name: str, kind: Any, limits: tuple[float, float] | None) -> Parameter:
+    least, most = limits or (-math.inf, math.inf)
+    if kind is int:
+        least = int(max(least, 0))
+    return Parameter(name, "", least, most, unit_of(name))
+
+
+def _options(job: str) -> dict[str, "Field[Any]"]:
+    """Return the declared options of a job and its network by their names in Python."""
+    of_job: list[type[Any]] = [SuperdenseRequest, NAMES["sdc"].options]
+    if job in VERBS:
+        services = VERBS[job].protocols or (job,)
+        of_job = [ServiceRequest, NAMES[services[0]].options]
+    kinds = (*of_job, NetworkOptions)
+    found: dict[str, Field[Any]] = {each.name: each for kind in kinds for each in fields(kind)}
+    own = {name: each for name, each in found.items() if "help" in declared(each)}
+    del own["seed"]  # of the sweep
+    return own | {"receiver": found["host"]}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A setting of parts, as an option of networks has it: --device *.memory.t2_s=…"""
+
+    option: str
+    place: str  # of a part, "" or a pattern for all
+    name: str
+
+    def word(self, value: Value) -> str:
+        return f"{self.place}.{self.name}={value}".removeprefix(".")
+
+
+def setting_of(axis: str) -> Setting:
+    """Return the setting of an axis: by its dots that of a host's device, or of fibre or switch."""
+    place, _dot, name = axis.partition(".")
+    if "." in name:
+        return Setting("device", "*" if place == "node" else place, name)
+    if place == "fiber" or "-" in place:
+        return Setting("fiber", "" if place == "fiber" else place, name)
+    return Setting("switch", "" if place == "switch" else place, name)
+
+
+def _parameter_of_part(axis: str) -> Parameter:
+    """Return the setting of an axis as a parameter; raise BadGrid for one there is not."""
+    setting = setting_of(axis)
+    if setting.option != "device":
+        known = FIBER if setting.option == "fiber" else SWITCH
+        check_names(axis, [setting.name], known, BadGrid)
+        return _of_default(axis, known[setting.name])
+    part, _dot, name = setting.name.partition(".")
+    parts: dict[str, Any] = {each.name: each.default for each in fields(Device)}
+    check_names(f"{axis}: a device", [part], parts, BadGrid)
+    known_fields = {each.name: each for each in fields(parts[part])}
+    check_names(f"{axis}: {part}", [name], known_fields, BadGrid)
+    words = known_fields[name].metadata
+    if "choices" in words:
+        return Parameter(axis, "", choices=tuple(words["choices"]))
+    return _of_default(axis, getattr(parts[part], name), words.get("range"))
+
+
+def _of_default(name: str, default: object, limits: Any = None) -> Parameter:
+    kind = type(default)
+    return _number(name, kind, limits) if kind in (int, float) else Parameter(name, "", text=TEXT)
+
+
+def options_of(values: Values, seed: int) -> dict[str, Any]:
+    """Return the options of a job in a network, as a script gives them."""
+    options: dict[str, Any] = {"seed": seed, "time": STEPPED}
+    words: dict[str, list[str]] = {}
+    for name, value in values.items():
+        if "." in name:
+            setting = setting_of(name)
+            words.setdefault(setting.option, []).append(setting.word(value))
+        elif name in OF_PARTS:
+            words.setdefault(name, []).extend(str(value).split())
+        else:
+            options[name] = SWITCHES.get(str(value), value)
+    return {**options, **words}
+
+
+def measure(job: str, points: Sequence[Values], seed: int, runs: Path) -> Iterator[Outcome]:
+    """Measure points one after the other on one network, with a seed of its options.
+
+    Raise SweepError for all that goes wrong.
+    """
+    first = points[0]
+    own_seed = point_seed(job, {k: v for k, v in first.items() if is_at_start(k)}, seed)
+    try:
+        with start_for(job, begin_folder(runs, job), **options_of(first, own_seed)) as network:
+            for values in points:
+                yield outcome_of(network.run(job, **options_of(values, own_seed)))
+    except (NetworkError, TransferError, BadInput, BadTopology, TimeoutError) as error:
+        place = ", ".join(f"{name} {value}" for name, value in first.items())
+        raise SweepError(f"{job} at {place} and beyond failed: {error}") from error

@@ -1,0 +1,116 @@
+"""Sweeps of jobs before their networks start: axes, groups of points, what theory says."""
+
+from math import exp, nan
+from pathlib import Path
+
+import pytest
+from recorded_run import teleported
+
+from evidence.curves import running
+from evidence.curves.estimates import NOTHING, Estimate
+from evidence.curves.experiment import Outcome
+from evidence.curves.grid import Grid
+from evidence.curves.parameters import Values
+from evidence.curves.pictures import pictures
+from evidence.curves.table import opened
+from evidence.networks import job_sweep, metrics
+from evidence.networks.job_sweep import grid_of, options_of
+
+AXES: dict[str, object] = {"repeaters": "1:3", "node.memory.t2_s": "10ms,0.1", "count": "100:300:3"}
+
+
+def sweep() -> Grid:
+    return grid_of("swap", AXES)
+
+
+def test_axes_are_options_and_settings_of_every_host() -> None:
+    assert sweep().axes == {
+        "repeaters": [1, 2, 3],
+        "node.memory.t2_s": [0.01, 0.1],
+        "count": [100, 200, 300],
+    }
+    axes: Values = {"schedule": "nested", "q1-r1.length_km": 5.0, "switch.insertion_loss_db": 1.0}
+    options = options_of({**axes, "r1.memory.t2_s": 0.5, "purify": 1}, 7)
+    assert options == {
+        "seed": 7,
+        "time": "stepped",
+        "schedule": "nested",
+        "purify": 1,
+        "fiber": ["q1-r1.length_km=5.0"],
+        "switch": ["insertion_loss_db=1.0"],
+        "device": ["r1.memory.t2_s=0.5"],
+    }
+
+
+def test_points_that_differ_in_the_job_alone_share_a_network() -> None:
+    grid = sweep()
+    groups = [*grid.experiment.groups([*grid.points()])]
+    assert [len(group) for group in groups] == [3] * 6
+    for group in groups:
+        assert len({(values["repeaters"], values["node.memory.t2_s"]) for values in group}) == 1
+    fractions = grid_of("qkd", {"eve": "0:0.3:120"})
+    assert [len(each) for each in fractions.experiment.groups([*fractions.points()])] == [
+        50,
+        50,
+        20,
+    ]
+
+
+def test_rows_are_in_the_order_of_the_grid_though_networks_end_in_another(tmp_path: Path) -> None:
+    grid = grid_of("swap", {"repeaters": "1:4"})
+    nothing = {each.name: NOTHING for each in metrics.METRICS}
+    come: list[Outcome] = [{**nothing, "fidelity": Estimate(n / 4, 0.1)} for n in range(1, 5)]
+
+    def measurer(_grid: Grid, points: list[Values], _seed: int) -> list[tuple[Values, Outcome]]:
+        return [(points[n], come[n]) for n in (2, 0, 3, 1)]
+
+    with opened(tmp_path / "table.csv", grid.experiment) as table:
+        assert len([*running.fill(grid, 1, table, measurer)]) == 4  # type: ignore[arg-type]
+    lines = (tmp_path / "table.csv").read_text().splitlines()[1:]
+    assert [line.split(",")[:2] for line in lines] == [["1", str(n)] for n in range(1, 5)]
+
+
+@pytest.mark.parametrize("repeaters", [1, 4])
+def test_theory_of_a_chain_is_that_of_dephasing_by_all_waits(repeaters: int) -> None:
+    """As tests/emulation/test_run_swap.py has it, whose fibres depolarise as well."""
+    values: Values = {"repeaters": repeaters, "depolarizing": 0.01, "node.memory.t2_s": 0.2}
+    fidelity = (1 + 0.99 ** (2 * (repeaters + 1)) * (1 + 2 * exp(-0.03 / 0.2))) / 4
+    found = metrics.pair_fidelity("swap", {**values, "waiting_s": 0.03})
+    assert found == pytest.approx(fidelity)
+    assert metrics.pair_fidelity("swap", {**values, "waiting_s": nan}) is None
+    assert metrics.pair_fidelity("swap", {**values, "preset": "metro", "waiting_s": 0.03}) is None
+
+
+def test_a_figure_has_the_theory_of_each_point_by_its_measured_wait() -> None:
+    grid = grid_of("swap", {"repeaters": "1:3", "node.memory.t2_s": "0.1"})
+    nothing = {each.name: NOTHING for each in metrics.METRICS}
+    rows = [
+        (
+            values,
+            {
+                **nothing,
+                "waiting_s": Estimate(0.01 * int(values["repeaters"]), 0.0),
+                "fidelity": Estimate((1 + exp(-0.1 * int(values["repeaters"]))) / 2, 0.01),
+            },
+        )
+        for values in grid.points()
+    ]
+    assert running.disagreements(grid.experiment, rows) == []
+    (picture,) = [each for each in pictures(grid, rows) if each.measure.name == "fidelity"]
+    assert picture.x.name == "repeaters"
+    ((_label, points),) = picture.series
+    assert [picture.measure.theory(values) for values, _ in points] == pytest.approx(
+        [estimate.value for _values, estimate in points]
+    )
+
+
+def test_waits_of_teleported_states_are_counted_once() -> None:
+    figures = teleported(arrived=900, states=1000, fidelity=0.8, waited_ms=12.5)
+    waits = sum(metrics._waits_ms(figures)) * 2  # of either end, which report the same
+    assert waits == 12.5
+
+
+def test_a_topology_with_parameters_is_axes_of_one_value() -> None:
+    grid = grid_of("distribute", {"topology": "chain,switches=3", "count": "1:2"})
+    assert grid.axes == {"topology": ["chain"], "switches": [3], "count": [1, 2]}
+    assert job_sweep.is_at_start("switches")
