@@ -24,7 +24,10 @@ COLUMNS = {
     "Protocol": "%p",
     "Info": "%i",
 }
-FILTER = "qmeta || qevent"
+# A packet that crosses a switch is captured on both links; c0 changes a set-up on its way.
+COPY = "qmeta && (tcp.analysis.retransmission || tcp.analysis.out_of_order)"
+ONCE = f'!({COPY} && !(qmeta.verdict != "PENDING"))'
+FILTER = f"(qmeta || qevent) && {ONCE}"
 
 
 def add_parser(verbs: Any) -> None:
@@ -87,7 +90,7 @@ def what_is_missing() -> str:
 def wireshark_command(timeline: Path, dissectors: Path) -> list[str]:
     columns = ",".join(f'"{name}","{form}"' for name, form in COLUMNS.items())
     options = [*_dissecting(dissectors), "-o", f"gui.column.format:{columns}"]
-    return ["wireshark", *options, "-r", str(timeline)]
+    return ["wireshark", *options, "-r", str(timeline), "-Y", ONCE]
 
 
 def tshark_command(timeline: Path, dissectors: Path) -> list[str]:

@@ -68,7 +68,8 @@ def test_where_it_can_wireshark_is_started(
     assert verb(run) == 3
     said = (tmp_path / "said").read_text().splitlines()
     assert said[:2] == ["-X", f"lua_script:{tmp_path / 'cache' / 'qmn.lua'}"]
-    assert said[-2:] == ["-r", str(run / "all.pcapng")]
+    assert said[-4:-1] == ["-r", str(run / "all.pcapng"), "-Y"]  # and shows packets once
+    assert "tcp.analysis.retransmission" in said[-1]
 
 
 def test_no_code_from_the_folder_of_a_run_is_loaded(
