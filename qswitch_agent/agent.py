@@ -22,7 +22,8 @@ class Agent:
         self._paths = LightPaths(config.fiber_ports, hardware, config.time, inner)
         self._monitor = Monitor(config.management, self._paths.update, self._ports_changed)
         self._commands = Commands(config.management)
-        self._inner = InnerPorts(inner, self._commands.send_from, config.memory)
+        send, announce = self._commands.send_from, self._commands.announce
+        self._inner = InnerPorts(inner, send, config.memory, announce)
         self._channels = SupervisoryChannels(self._paths.table.fibers, self._commands)
         self._switch = Switch(
             self._paths,

@@ -1,6 +1,6 @@
 """Analysers and memories of a switch to its controllers: counts, and how light ended."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from qswitch_agent.openflow.ports import Port
 from wire.analyser_frames import (
@@ -25,10 +25,15 @@ class InnerPorts:
         ports: Mapping[int, InnerPort],
         send: Callable[[int, bytes], None],
         memory: Memory = IDEAL,
+        announced: Callable[[Port], None] = lambda _port: None,
     ) -> None:
-        """`send` lets flow entries decide on a frame that comes from a port."""
+        """`send` lets flow entries decide on a frame that comes from a port.
+
+        `announced` has controllers hear of a port that has changed.
+        """
         self._ports, self._send, self._memory = ports, send, memory
-        self._addresses: dict[int, bytes] = {}  # of the inner ports
+        self._announced = announced
+        self._known: dict[int, Port] = {}  # the inner ports
         first = [p for p, inner in ports.items() if (inner.kind, inner.which) == (Kind.ANALYSER, 1)]
         self._counts = {port: AnalyserCounts(port) for port in first}
 
@@ -37,13 +42,19 @@ class InnerPorts:
         return port_description(self._ports[number], self._memory)
 
     def update(self, ports: list[Port]) -> None:
-        self._addresses |= {port.number: port.address for port in ports}
+        self._known |= {port.number: port for port in ports if port.number in self._ports}
+
+    def announce(self, numbers: Iterable[int]) -> None:
+        for number in sorted(numbers):
+            if number in self._known:
+                self._announced(self._known[number])
 
     def report(self, report: AnalyserFrame) -> None:
         """Count outcomes, and send them by the flow entries of the analyser's port."""
         if report.port in self._counts:
             self._counts[report.port].add(report)
-        sender = self._addresses.get(report.port, NO_ADDRESS)
+        known = self._known.get(report.port)
+        sender = known.address if known else NO_ADDRESS
         for frame in frames_of(report):
             self._send(report.port, frame.encode(BROADCAST, sender))
 

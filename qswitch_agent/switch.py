@@ -245,6 +245,7 @@ class Switch:
         if self._known.is_set():
             log.info("another condition; it concerns ports %s", sorted(affected) or "none")
             self._channels.announce(affected & self.fibers)
+            self.inner_ports.announce(before.failed ^ condition.failed)
         self._known.set()
         self.paths.update_stuck(condition.stuck)
 
@@ -268,7 +269,11 @@ class Switch:
         should: the fibre is whole, and the hardware not too hot.
         """
         if port.number in self.inner:
-            return replace(port, properties=self.inner_ports.description(port.number))
+            properties, state = self.inner_ports.description(port.number), port.state
+            if port.number in self._condition.failed:
+                state = (state | ofp.OFPPS_LINK_DOWN) & ~ofp.OFPPS_LIVE
+            config = port.config & ~ofp.OFPPC_NO_FWD
+            return replace(port, config=config, state=state, properties=properties)
         state = port.state
         if any(port.number in path for path in self._condition.stuck):
             state |= ofp.OFPPS_BLOCKED

@@ -50,9 +50,11 @@ class End(IntEnum):
     UNFIT = 3
     CUT_OFF = 4  # in a memory
     STORED = 5  # no end: a memory holds it now
+    FAILED = 6
 
 
 WITH_OUTCOMES = End.MEASURED, End.STORED
+COUNTED = End.NO_PARTNER, End.CLOSED, End.UNFIT  # of an analyser
 
 
 def group_of(session: int) -> bytes:
@@ -183,7 +185,7 @@ class AnalyserCounts:
         for name, outcome in (("phi_plus", 0), ("psi_plus", 1), ("phi_minus", 2), ("psi_minus", 3)):
             setattr(self, name, getattr(self, name) + report.outcomes.count(outcome))
         self.none += report.outcomes.count(NO_COINCIDENCE)
-        if report.end not in WITH_OUTCOMES:
+        if report.end in COUNTED:
             name = report.end.name.lower()
             setattr(self, name, getattr(self, name) + 1)
 

@@ -98,7 +98,16 @@ class Analysers:
         """Tell whether light waits at an input of an analyser."""
         return (node, port) in self._waiting
 
+    def fail(self, node: str) -> None:
+        """End the wait of light at an analyser that has failed."""
+        for (place, _port), blocks in list(self._waiting.items()):
+            for block in list(blocks) if place == node else ():
+                self._end_alone(block, BellOutcomes.FAILED)
+
     def _take(self, block: Block, inputs: Part) -> None:
+        if int(block.port) in self._layer.network.switches[inputs.switch].failed:
+            self._discard(BellOutcomes.FAILED, block)
+            return
         (other,) = (port for port in inputs.ports if port != block.port)
         if partners := self._waiting.get((block.node, other)):
             partner = partners[0]

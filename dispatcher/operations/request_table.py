@@ -51,7 +51,9 @@ class RequestTable:
         self.analysers = Analysers(layer, measurements, self.reports, failed)
         self.transport = Transport(layer, failed, self._came)
         self.memories = SwitchMemories(layer, self.transport, self.analysers, self.reports, failed)
-        self.switching = Switching(layer, self.analysers.close, self.memories.release)
+        self.switching = Switching(
+            layer, self.analysers.close, self.memories.release, self._part_failed
+        )
         self.rows = {
             "create": Row(messages.CreateRequest, self._timed(self.blocks.create)),
             "apply": Row(messages.ApplyRequest, self._timed(self.blocks.apply)),
@@ -87,6 +89,10 @@ class RequestTable:
     def _came(self, name: BlockName) -> None:
         self.analysers.look(name)
         self.memories.look(name)
+
+    def _part_failed(self, node: str) -> None:
+        self.analysers.fail(node)
+        self.memories.fail(node)
 
     def _on_layer(self, handler: Callable[[PhysicalLayer, str, Any], Any]) -> Handler:
         return lambda node, request: handler(self.layer, node, request)

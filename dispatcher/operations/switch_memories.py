@@ -69,6 +69,12 @@ class SwitchMemories:
             for node in leaving:
                 self._send(node)
 
+    def fail(self, node: str) -> None:
+        """End the wait of light in a memory that has failed."""
+        for block in list(self._held.get(node, ())):
+            self._take(block)
+            self._discard(block, BellOutcomes.FAILED, "refused")
+
     def states(self, switch: str) -> Iterator[SwitchStatisticsReply.Memory]:
         for node, part in self._layer.network.memories.items():
             if part.switch == switch:
@@ -82,6 +88,10 @@ class SwitchMemories:
 
     def _store(self, block: Block) -> None:
         layer, node = self._layer, block.node
+        switch = layer.network.switches[layer.network.memories[node].switch]
+        if int(block.port) in switch.failed:
+            self._discard(block, BellOutcomes.FAILED, "refused")
+            return
         try:
             layer.memories.store(block)
         except Refusal as refusal:

@@ -47,6 +47,7 @@ def condition(switch: OpticalSwitch) -> SwitchCondition:
             for path in switch.paths
         ],
         stuck=[Connection(in_port=i, out_port=o) for i, o in sorted(switch.stuck.items())],
+        failed=sorted(switch.failed),
         min_frequency_mhz=config.min_frequency_mhz,
         max_frequency_mhz=config.max_frequency_mhz,
         grid_mhz=config.grid_mhz,
@@ -95,6 +96,7 @@ class Emission:
 
     def __init__(self, layer: PhysicalLayer, blocks: Operations, transport: Transport) -> None:
         self._sources = layer.network.parts[Kind.SOURCE]
+        self._switches = layer.network.switches
         self._blocks, self._transport = blocks, transport
 
     def emit(self, _node: str, request: EmitRequest) -> EmitReply:
@@ -107,6 +109,8 @@ class Emission:
         node, ports = next(found, ("", []))
         if not node:
             raise not_found(f"port {request.port} of {request.switch} is of no pair source")
+        if request.port in self._switches[request.switch].failed:
+            raise precondition(f"the source of port {request.port} of {request.switch} has failed")
         session, number = request.session, request.number
         self._blocks.create(
             node, CreateRequest(session=session, number=number, count=request.count)
@@ -140,12 +144,15 @@ class Switching:
         layer: PhysicalLayer,
         connected: Callable[[str, set[int]], None],
         opened: Callable[[str], None],
+        failed: Callable[[str], None],
     ) -> None:
         """Call `connected` with a switch and its outputs in use when these change.
 
-        Call `opened` with a switch when all its cross-connects are open.
+        Call `opened` with a switch when all its cross-connects are open, `failed` with the node of
+        a part of a switch that has failed.
         """
         self._layer, self._connected, self._opened = layer, connected, opened
+        self._failed = failed
         self._switches = layer.network.switches
         self._wanted: dict[str, list[Connection]] = {}  # the latest request of each
         self._watchers: dict[str, set[asyncio.Event]] = {name: set() for name in self._switches}
@@ -210,10 +217,12 @@ class Switching:
             await self._stick(switch, request.stuck)
         elif kind == "temperature_c":
             self._heat(switch, request.temperature_c)
+        elif kind == "failed":
+            self._fail(switch, request.failed)
         elif request.repair:
             await self._repair(switch)
         else:
-            raise invalid("no fault; name a stuck connection, a temperature or repair")
+            raise invalid("no fault; name a stuck connection, a temperature, a port or repair")
 
     async def _conditions(
         self, switch: OpticalSwitch, changed: asyncio.Event
@@ -233,6 +242,14 @@ class Switching:
         ready_ns = self._connect(switch, {in_port: connection.circuit})
         await self._layer.clock.wait_until(ready_ns)
 
+    def _fail(self, switch: OpticalSwitch, port: int) -> None:
+        _require_inner_port(switch, port)
+        nodes = {p: inner.node(switch.name) for p, inner in switch.config.inner_ports.items()}
+        node = nodes[port]
+        switch.failed |= {other for other in nodes if nodes[other] == node}
+        self._fault(switch, f"{node} has failed")
+        self._failed(node)
+
     def _heat(self, switch: OpticalSwitch, temperature_c: float) -> None:
         limits.require_temperature(temperature_c)
         switch.set_temperature(temperature_c, self._layer.clock.now_ns())
@@ -241,6 +258,7 @@ class Switching:
 
     async def _repair(self, switch: OpticalSwitch) -> None:
         switch.stuck.clear()
+        switch.failed.clear()
         switch.set_temperature(switch.config.temperature_c, self._layer.clock.now_ns())
         self._fault(switch, "repaired")
         ready_ns = self._connect(switch)
@@ -288,6 +306,12 @@ def _require_port(switch: OpticalSwitch, port: int) -> None:
     if port not in switch.ports:
         ports = ", ".join(map(str, switch.ports)) or "none"
         raise not_found(f"port {port} of {switch.name} has no fibre; fibres end in {ports}")
+
+
+def _require_inner_port(switch: OpticalSwitch, port: int) -> None:
+    if port not in switch.config.inner_ports:
+        ports = ", ".join(map(str, switch.config.inner_ports)) or "none"
+        raise not_found(f"port {port} of {switch.name} is no inner port; it has {ports}")
 
 
 def _require_not_stuck(switch: OpticalSwitch, requested: dict[int, int]) -> None:

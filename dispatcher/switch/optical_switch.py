@@ -98,6 +98,7 @@ class OpticalSwitch:
             for number, channel in sorted(ports.items())
         }
         self.stuck: dict[int, int] = {}  # in_port to out_port
+        self.failed = set[int]()  # inner ports
         self.temperature_c = config.temperature_c
         self._hot = Steps(self._is_hot)
         self._paths = {(path.in_port, path.out_port): path for path in config.paths}

@@ -26,12 +26,24 @@ class Temperature:
 
 
 @dataclass(frozen=True)
+class Failed:
+    """A part of the switch that does nothing any more, by one of its OpenFlow ports."""
+
+    port: int
+
+
+@dataclass(frozen=True)
 class Repair:
-    """Nothing is stuck any more, and the temperature is as it was."""
+    """Nothing is stuck or has failed any more, and the temperature is as it was."""
 
 
-Fault = Stuck | Temperature | Repair
-FAULTS: dict[str, type[Fault]] = {"stuck": Stuck, "temperature": Temperature, "repair": Repair}
+Fault = Stuck | Temperature | Failed | Repair
+FAULTS: dict[str, type[Fault]] = {
+    "stuck": Stuck,
+    "temperature": Temperature,
+    "failed": Failed,
+    "repair": Repair,
+}
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
@@ -44,7 +56,10 @@ def describe(parser: argparse.ArgumentParser) -> None:
     text = "the switch has this temperature; above its limit every path loses more"
     temperature = kinds.add_parser("temperature", help=text, description=text)
     temperature.add_argument("temperature_c", type=float, metavar="CELSIUS")
-    text = "nothing is stuck any more, and the temperature is as it was"
+    text = "an analyser, memory or source takes in and gives no light any more"
+    failed = kinds.add_parser("failed", help=text, description=text)
+    failed.add_argument("port", metavar="PORT", type=int, help="OpenFlow port number, from 60001")
+    text = "nothing is stuck or has failed any more, and the temperature is as it was"
     kinds.add_parser("repair", help=text, description=text)
     parser.set_defaults(call=call)
 
@@ -77,6 +92,12 @@ def build_request(config: DispatcherConfig, name: str, fault: Fault) -> InjectFa
         return InjectFaultRequest(switch=name, repair=True)
     if isinstance(fault, Temperature):
         return InjectFaultRequest(switch=name, temperature_c=fault.temperature_c)
+    if isinstance(fault, Failed):
+        inner = find_switch(config, name).inner_ports
+        if fault.port not in inner:
+            known = ", ".join(map(str, inner)) or "none"
+            raise BadChange(f"port {fault.port} of {name} is no inner port: choose one of {known}")
+        return InjectFaultRequest(switch=name, failed=fault.port)
     ends = [end for fiber in config.fibers for end in (fiber.a, fiber.b)]
     ports = sorted(int(end.port) for end in ends if end.node == name)
     for port in (fault.in_port, fault.out_port):
@@ -90,6 +111,8 @@ def build_request(config: DispatcherConfig, name: str, fault: Fault) -> InjectFa
 def outcome(switch: QuantumSwitch, fault: Fault) -> str:
     if isinstance(fault, Repair):
         return f"{switch.name}: repaired, {switch.temperature_c:g} C"
+    if isinstance(fault, Failed):
+        return f"{switch.name}: {switch.inner_ports[fault.port].node(switch.name)} has failed"
     if isinstance(fault, Stuck):
         return f"{switch.name}: cross-connect {fault.in_port} -> {fault.out_port} is stuck"
     hot = fault.temperature_c > switch.max_temperature_c

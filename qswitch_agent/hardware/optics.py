@@ -56,6 +56,7 @@ class Condition:
     others: Path = Path()  # every path that is not in `paths`
     paths: Mapping[tuple[int, int], Path] = field(default_factory=dict)  # by in_port, out_port
     stuck: frozenset[tuple[int, int]] = frozenset()  # paths that cannot be changed
+    failed: frozenset[int] = frozenset()  # inner ports whose parts have failed
     hot: bool = False  # above its limit: its paths lose more than they did
     channels: Mapping[int, Channel] = field(default_factory=dict)  # ports that multiplexers fix
 

@@ -324,6 +324,7 @@ def _condition(condition: messages.SwitchCondition) -> Condition:
             for path in condition.paths
         },
         stuck=frozenset((one.in_port, one.out_port) for one in condition.stuck),
+        failed=frozenset(condition.failed),
         hot=condition.hot,
         channels={one.port: Channel(one.frequency_mhz, one.grid_mhz) for one in condition.channels},
     )

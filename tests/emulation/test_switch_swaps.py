@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from math import exp, sqrt
 from pathlib import Path
@@ -17,7 +18,10 @@ from limits import SOON_S
 from loaded import run_qmn
 
 from hosts.stack_socket import QuantumSocketError
+from qmn.changes.fault import Failed, Repair, inject
 from qmn.running.dispatcher_calls import status
+from qmn.running.network import dispatcher_of_running_network
+from topologies.chain import ChainTopo
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 from topologies.system.runs.runtime import free_port
@@ -240,3 +244,45 @@ def test_a_chain_of_switches_has_pairs_as_the_closed_form_says(tmp_path: Path) -
     expected = (1 + werner * (1 + 2 * kept)) / 4
     told = result["job"]["asking"]
     assert abs(told["fidelity"] - expected) < 5 * sqrt(9 / 16 / told["sampled"])
+
+
+def test_a_failed_analyser_and_a_killed_controller_end_sessions_by_name(tmp_path: Path) -> None:
+    def line() -> ChainTopo:
+        topo = ChainTopo(2, 1)
+        for switch in ("q1", "q2"):
+            parts = {"analysers": 1, "memories": 2, "sources": 1}
+            topo.setNodeInfo(switch, {**topo.nodeInfo(switch), **parts})
+        return topo
+
+    with nothing_left(), running(line, tmp_path) as network:
+        assert swapped(network, count=100, swaps=2)["pairs"] == 100
+        config = dispatcher_of_running_network()
+        with ended(network, "that part of it has failed"):
+            inject(config, "q2", Failed(60_002))
+        wait_until(lambda: "1 of 2 switches" in refusal(network), "c0 knows it", 10)
+        inject(config, "q2", Repair())
+        wait_until(lambda: not refusal(network), "c0 knows that, too", 10)
+        with ended(network, "no outcomes of"):
+            network.net.controllers[0].program.kill()
+
+
+@contextmanager
+def ended(network: Network, text: str) -> Iterator[None]:
+    """Fail unless a long session ends with this text by what is done meanwhile, without qubits."""
+    before = status(network).pairs_created
+    with ThreadPoolExecutor(1) as threads:
+        long = threads.submit(swapped, network, count=1_000_000, block_pairs=1000, swaps=2)
+        wait_until(lambda: status(network).pairs_created > before + 9000, "it goes on", 20)
+        yield
+        with pytest.raises(QuantumSocketError, match=text):
+            long.result(60)
+    require_nothing_left(network)
+
+
+def refusal(network: Network) -> str:
+    """Return why c0 refuses a chain, empty if it does not."""
+    try:
+        swapped(network, count=10, swaps=2)
+    except QuantumSocketError as error:
+        return str(error)
+    return ""

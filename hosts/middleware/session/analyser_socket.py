@@ -29,6 +29,7 @@ ENDS = {
     End.NO_PARTNER: "the other end's light did not come in time",
     End.CLOSED: "its flow entry ended while it waited there",
     End.UNFIT: "it does not fit the other end's (size, encoding), or the part of the switch",
+    End.FAILED: "that part of it has failed",
     End.CUT_OFF: "nothing released it from the memory there in time",
 }
 

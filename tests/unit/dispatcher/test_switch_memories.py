@@ -182,7 +182,8 @@ def test_pairs_of_a_switch_join_the_halves_of_two_hosts(tmp_path: Path) -> None:
                 for each in reports
                 if each.end == BellOutcomes.MEASURED
             )
-            for wrong in ({"port": ONE}, {"rate_hz": 0}):
+            await bench.runner.inject(failed=62_001)
+            for wrong in ({"port": ONE}, {"rate_hz": 0}, {}):
                 with pytest.raises(grpc.aio.AioRpcError):
                     await emit(bench, session=8, number=2, **wrong)
             found.append(await correlated(scene, first ^ second, MeasureRequest.Y))
@@ -198,6 +199,31 @@ async def emit(bench: Bench, **request: int) -> None:
     """Have the source of q1 emit."""
     fields = {"port": 62_002, "count": PAIRS, "rate_hz": FAST_HZ, **request}
     await bench.switch.call("Emit", EmitRequest(switch="q1", **fields))
+
+
+def test_light_in_parts_that_fail_ends_by_name_until_they_are_repaired(tmp_path: Path) -> None:
+    async def act(scene: Scene) -> None:
+        runner = scene.bench.runner
+        await scene.bench.switch.connect((3, ONE), (4, SECOND))
+        await scene.emit_both()
+        await require_stored(scene, ONE)
+        for port, at_port in ((ONE, ONE), (SECOND, FIRST)):
+            await runner.inject(failed=port)
+            report = await scene.report()
+            assert (report.port, report.end) == (at_port, BellOutcomes.FAILED)
+        for number, host, port in ((2, "alice", ONE), (3, "bob", FIRST)):
+            await scene.emit(getattr(scene.bench, host), f"{host}-q0", number)
+            report = await scene.report()
+            assert (report.port, report.end) == (port, BellOutcomes.FAILED)
+        await runner.inject(repair=True)
+        await scene.bench.switch.connect((3, FIRST), (4, SECOND))
+        await scene.emit(scene.bench.alice, "alice-q0", 4)
+        await scene.emit(scene.bench.bob, "bob-q0", 5)
+        assert (await swapped(scene)).size == PAIRS
+        with pytest.raises(grpc.aio.AioRpcError, match="port 5 of q1 is no inner port"):
+            await runner.inject(failed=5)
+
+    play(tmp_path, act)
 
 
 def test_memories_that_no_switch_has_are_refused() -> None:

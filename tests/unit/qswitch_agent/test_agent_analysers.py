@@ -6,7 +6,7 @@ import openflow_messages as of
 from openflow_messages import FIBERS, port
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
-from proxy_scene import play, stage
+from proxy_scene import CONDITION, play, stage
 
 from qswitch_agent.inner_ports import InnerPorts
 from qswitch_agent.middleware.flow_table import FlowTable
@@ -69,5 +69,20 @@ def test_a_frame_into_a_source_has_it_emit() -> None:
                 now.controller.says(wrong)
                 assert isinstance(of.decoded(await now.controller.next()), parser.OFPErrorMsg)
             assert now.optics.emitted == [(62_002, emission)]
+
+    play(scene())
+
+
+def test_a_part_that_fails_is_a_port_without_light_and_is_announced() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            inner, announced = inner_ports(1), list[int]()
+            parts = InnerPorts(inner, print, announced=lambda one: announced.append(one.number))
+            now.switch.inner_ports, now.switch.inner = parts, frozenset(inner)
+            parts.update([port(60_001), port(60_002)])
+            now.switch.condition_changed(replace(CONDITION, failed=frozenset({60_001})))
+            assert announced == [60_001]
+            shown = [now.switch.shown(port(number, state=ofp.OFPPS_LIVE)) for number in inner]
+            assert [each.state for each in shown] == [ofp.OFPPS_LINK_DOWN, ofp.OFPPS_LIVE]
 
     play(scene())
