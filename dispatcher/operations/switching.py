@@ -311,7 +311,7 @@ def _require_port(switch: OpticalSwitch, port: int) -> None:
 def _require_inner_port(switch: OpticalSwitch, port: int) -> None:
     if port not in switch.config.inner_ports:
         ports = ", ".join(map(str, switch.config.inner_ports)) or "none"
-        raise not_found(f"port {port} of {switch.name} is no inner port; it has {ports}")
+        raise not_found(f"port {port} of {switch.name} is not an inner port; it has {ports}")
 
 
 def _require_not_stuck(switch: OpticalSwitch, requested: dict[int, int]) -> None:

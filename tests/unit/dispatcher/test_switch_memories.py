@@ -220,7 +220,7 @@ def test_light_in_parts_that_fail_ends_by_name_until_they_are_repaired(tmp_path:
         await scene.emit(scene.bench.alice, "alice-q0", 4)
         await scene.emit(scene.bench.bob, "bob-q0", 5)
         assert (await swapped(scene)).size == PAIRS
-        with pytest.raises(grpc.aio.AioRpcError, match="port 5 of q1 is no inner port"):
+        with pytest.raises(grpc.aio.AioRpcError, match="port 5 of q1 is not an inner port"):
             await runner.inject(failed=5)
 
     play(tmp_path, act)

@@ -104,7 +104,7 @@ def test_faults_reach_the_running_network(
         ("q2 repair", "unknown quantum switch 'q2': choose one of q1"),
         ("q1 stuck 2 9", "port 9 of q1 has no fibre: choose one of 2, 3"),
         ("q1 stuck -1 2", "port -1 of q1 has no fibre: choose one of 2, 3"),
-        ("q1 failed 2", "port 2 of q1 is no inner port: choose one of none"),
+        ("q1 failed 2", "port 2 of q1 is not an inner port: choose one of none"),
         ("q1 temperature 1000", "temperature_c 1000 is not between -100 and 300"),
         ("q1 temperature nan", "temperature_c nan is not between"),
     ],
