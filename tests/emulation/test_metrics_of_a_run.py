@@ -11,6 +11,8 @@ from conftest import qmn_words, wait_until
 from loaded import running_qmn
 from prometheus_client.parser import text_string_to_metric_families
 
+from topologies.system.processes.programs import ROOT
+
 
 def metrics(url: str) -> dict[str, float]:
     """Return the samples of a program: a sum over labels for each name."""
@@ -24,6 +26,14 @@ def metrics(url: str) -> dict[str, float]:
 
 def counted(url: str, name: str) -> bool:
     return metrics(url).get(name, 0) > 0
+
+
+def queried() -> set[str]:
+    """Return the names of metrics in the queries of the dashboard."""
+    board = json.loads((ROOT / "docs" / "metrics" / "grafana.json").read_text())
+    queries = [target["expr"] for panel in board["panels"] for target in panel["targets"]]
+    assert len(queries) > 12
+    return set(re.findall(r"\bqmn_\w+", " ".join(queries)))
 
 
 @pytest.mark.by_day(every=2)
@@ -50,6 +60,8 @@ def test_a_run_tells_its_metrics_while_it_lasts(tmp_path: Path, controller: str)
         assert metrics(found["c0"])["qmn_path_setup_seconds_count"] >= 1
         for name in ("pairs_made", "pairs_lost", "symbol_errors"):  # as hosts report them
             wait_until(partial(counted, found["c0"], f"qmn_{name}_total"), name)
+        served = set().union(*(metrics(url) for url in found.values()))
+        assert queried() - served <= {"qmn_hardware_refusals_total"}  # there is none yet
         output = run.finish(60)
     assert run.returncode == 0, output
     for url in found.values():
