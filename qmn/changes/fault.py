@@ -96,7 +96,8 @@ def build_request(config: DispatcherConfig, name: str, fault: Fault) -> InjectFa
         inner = find_switch(config, name).inner_ports
         if fault.port not in inner:
             known = ", ".join(map(str, inner)) or "none"
-            raise BadChange(f"port {fault.port} of {name} is not an inner port: choose one of {known}")
+            text = f"port {fault.port} of {name} is not an inner port"
+            raise BadChange(f"{text}: choose one of {known}")
         return InjectFaultRequest(switch=name, failed=fault.port)
     ends = [end for fiber in config.fibers for end in (fiber.a, fiber.b)]
     ports = sorted(int(end.port) for end in ends if end.node == name)
