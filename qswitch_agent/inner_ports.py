@@ -1,6 +1,7 @@
 """Analysers and memories of a switch to its controllers: counts, and how light ended."""
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 
 from qswitch_agent.openflow.ports import Port
 from wire.analyser_frames import (
@@ -37,9 +38,10 @@ class InnerPorts:
         first = [p for p, inner in ports.items() if (inner.kind, inner.which) == (Kind.ANALYSER, 1)]
         self._counts = {port: AnalyserCounts(port) for port in first}
 
-    def description(self, number: int) -> bytes:
-        """Return the property of a port that says what it leads to."""
-        return port_description(self._ports[number], self._memory)
+    def description(self, number: int, cutoff_s: float | None = None) -> bytes:
+        """Return the property of a port that says what it leads to; a memory's cut-off, if set."""
+        memory = self._memory if cutoff_s is None else replace(self._memory, cutoff_s=cutoff_s)
+        return port_description(self._ports[number], memory)
 
     def update(self, ports: list[Port]) -> None:
         self._known |= {port.number: port for port in ports if port.number in self._ports}

@@ -61,9 +61,10 @@ class MeasuredHardware:
         frequency_mhz: int | None,
         power_dbm: float | None,
         direction: Direction = Direction.BOTH,
+        cutoff_s: float | None = None,
     ) -> None:
         with self._measured("tune"):
-            await self._hardware.tune(port, frequency_mhz, power_dbm, direction)
+            await self._hardware.tune(port, frequency_mhz, power_dbm, direction, cutoff_s)
 
     async def read(self) -> Readings:
         with self._measured("read"):

@@ -269,7 +269,8 @@ class Switch:
         should: the fibre is whole, and the hardware not too hot.
         """
         if port.number in self.inner:
-            properties, state = self.inner_ports.description(port.number), port.state
+            cutoff_s, state = self._condition.cutoffs_s.get(port.number), port.state
+            properties = self.inner_ports.description(port.number, cutoff_s)
             if port.number in self._condition.failed:
                 state = (state | ofp.OFPPS_LINK_DOWN) & ~ofp.OFPPS_LIVE
             config = port.config & ~ofp.OFPPC_NO_FWD

@@ -39,6 +39,8 @@ OFPPDPT_EXPERIMENTER = 0xFFFF
 MEMORY = struct.Struct("!IIQQQ")  # modes, efficiency in ppm, T1, T2 and cut-off in ns
 NEVER_NS = (1 << 64) - 1
 INNER_PORT = 1  # exp_type of our property of a port's description
+CUT_OFF = struct.Struct("!HHIIQ")  # of a PORT_MOD: type, length, experimenter, its type; ns
+CUT_OFF_HEAD = CUT_OFF.pack(OFPPDPT_EXPERIMENTER, CUT_OFF.size, EXPERIMENTER, 2, 0)[:12]
 
 
 class End(IntEnum):

@@ -93,7 +93,7 @@ class SwitchMemories:
             self._discard(block, BellOutcomes.FAILED, "refused")
             return
         try:
-            layer.memories.store(block)
+            layer.memories.store(block, switch.cutoffs_s.get(int(block.port)))
         except Refusal as refusal:
             layer.record(node, "refuse", block, block.port, str(refusal))
             self._discard(block, BellOutcomes.UNFIT, "refused")

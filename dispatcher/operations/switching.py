@@ -48,6 +48,7 @@ def condition(switch: OpticalSwitch) -> SwitchCondition:
         ],
         stuck=[Connection(in_port=i, out_port=o) for i, o in sorted(switch.stuck.items())],
         failed=sorted(switch.failed),
+        cutoffs_s=switch.cutoffs_s,
         min_frequency_mhz=config.min_frequency_mhz,
         max_frequency_mhz=config.max_frequency_mhz,
         grid_mhz=config.grid_mhz,
@@ -188,12 +189,26 @@ class Switching:
         if power_dbm is not None:
             port.power_dbm.set(power_dbm, now_ns)
             details.append(f"{power_dbm:g} dBm")
+        if request.HasField("cutoff_s"):
+            self._set_cutoff(switch, request.port, request.cutoff_s)
+            details.append(f"cut-off {request.cutoff_s:g} s")
         if details:
             detail = " ".join(details)
             self._layer.record(
                 switch.name, "tune", port=str(request.port), detail=detail, time_ns=now_ns
             )
         return now_ns
+
+    def _set_cutoff(self, switch: OpticalSwitch, port: int, cutoff_s: float) -> None:
+        inner = switch.config.inner_ports.get(port)
+        if inner is None or inner.kind != Kind.MEMORY or not cutoff_s > 0:
+            raise invalid(
+                f"a cut-off of {cutoff_s:g} s at port {port} of {switch.name}: give more than 0 s "
+                "to a memory"
+            )
+        switch.cutoffs_s[port] = cutoff_s
+        for changed in self._watchers[switch.name]:
+            changed.set()
 
     def statistics(self, name: str) -> SwitchStatisticsReply:
         switch, network = self._switches[name], self._layer.network

@@ -57,6 +57,7 @@ class Condition:
     paths: Mapping[tuple[int, int], Path] = field(default_factory=dict)  # by in_port, out_port
     stuck: frozenset[tuple[int, int]] = frozenset()  # paths that cannot be changed
     failed: frozenset[int] = frozenset()  # inner ports whose parts have failed
+    cutoffs_s: Mapping[int, float] = field(default_factory=dict)  # of memories, if set
     hot: bool = False  # above its limit: its paths lose more than they did
     channels: Mapping[int, Channel] = field(default_factory=dict)  # ports that multiplexers fix
 
@@ -139,8 +140,12 @@ class OpticalHardware(Protocol):
         frequency_mhz: int | None,
         power_dbm: float | None,
         direction: Direction = Direction.BOTH,
+        cutoff_s: float | None = None,
     ) -> None:
-        """Tune a port, within the condition's `tuning`; None leaves a value as it is."""
+        """Tune a port, within the condition's `tuning`; None leaves a value as it is.
+
+        A memory's port has a cut-off alone.
+        """
 
     async def read(self) -> Readings:
         """Return what the hardware counts and measures."""

@@ -90,6 +90,7 @@ class ScpiSwitch:
         frequency_mhz: int | None,
         power_dbm: float | None,
         direction: Direction = Direction.BOTH,
+        cutoff_s: float | None = None,
     ) -> None:
         """Refuse: a matrix switch passes light of every wavelength as it is."""
         raise HardwareRefusal(f"port {port} cannot be tuned: a matrix switch has no filters")

@@ -163,12 +163,14 @@ class SimulatedSwitch:
         frequency_mhz: int | None,
         power_dbm: float | None,
         direction: Direction = Direction.BOTH,
+        cutoff_s: float | None = None,
     ) -> None:
         request = messages.TunePortRequest(
             switch=self._switch,
             port=port,
             power_dbm=power_dbm,
             direction=DIRECTIONS[direction],
+            cutoff_s=cutoff_s,
         )
         if frequency_mhz is not None:
             if not 0 < frequency_mhz < 1 << 32:
@@ -325,6 +327,7 @@ def _condition(condition: messages.SwitchCondition) -> Condition:
         },
         stuck=frozenset((one.in_port, one.out_port) for one in condition.stuck),
         failed=frozenset(condition.failed),
+        cutoffs_s=dict(condition.cutoffs_s),
         hot=condition.hot,
         channels={one.port: Channel(one.frequency_mhz, one.grid_mhz) for one in condition.channels},
     )

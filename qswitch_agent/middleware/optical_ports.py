@@ -38,6 +38,7 @@ class Tuned(NamedTuple):
     frequency_mhz: int | None
     power_dbm: float | None
     direction: Direction = Direction.BOTH
+    cutoff_s: float | None = None  # of a memory
 
 
 def description(condition: Condition, port: int) -> PortOptics:

@@ -16,6 +16,7 @@ from qswitch_agent.openflow.messages import (
     strict,
     with_body,
 )
+from wire.analyser_frames import CUT_OFF, CUT_OFF_HEAD
 from wire.malformed import MalformedPacket
 from wire.optical import OPTICAL, PortTuning
 
@@ -98,7 +99,7 @@ def port_watch(xid: int) -> bytes:
 
 @dataclass(frozen=True)
 class PortMod:
-    """A PORT_MOD; the optical property apart from the others."""
+    """A PORT_MOD; the optical property and a memory's cut-off apart from the others."""
 
     number: int
     address: bytes
@@ -106,25 +107,28 @@ class PortMod:
     mask: int
     properties: bytes = b""
     tuning: PortTuning | None = None
+    cutoff_s: float | None = None
 
     @classmethod
     @strict
     def decode(cls, message: bytes) -> "PortMod":
         number, address, config, mask = MOD.unpack_from(message, HEADER.size)
-        others, tunings = b"", []
+        others, tunings, cutoff_s = b"", [], None
         for kind, body in _properties(message[HEADER.size + MOD.size :]):
             if kind == OPTICAL:
                 tunings.append(_tuning(body))
+            elif body.startswith(CUT_OFF_HEAD):
+                cutoff_s = CUT_OFF.unpack_from(body)[-1] / 1e9
             else:
                 others += body
         if len(tunings) > 1:
             reason = f"PORT_MOD with {len(tunings)} optical properties"
             raise MalformedPart(ofp.OFPET_BAD_PROPERTY, ofp.OFPBPC_DUP_TYPE, reason)
         tuning = tunings[0] if tunings else None
-        return PortMod(number, address, config, mask, others, tuning)
+        return PortMod(number, address, config, mask, others, tuning, cutoff_s)
 
     def encode(self, xid: int) -> bytes:
-        """Return the message without its optical property, as the bridge understands it."""
+        """Return the message without these properties, as the bridge understands it."""
         fixed = MOD.pack(self.number, self.address, self.config, self.mask)
         return encode(ofp.OFPT_PORT_MOD, xid, fixed + self.properties)
 

@@ -12,6 +12,7 @@ are packets, which match the port and their type.
 from collections.abc import Callable, Iterable
 
 from qswitch_agent.middleware.flow_table import FlowTable, concerns
+from qswitch_agent.middleware.optical_ports import Tuned
 from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow import matches, packets, refusals
 from qswitch_agent.openflow.flows import FlowMod
@@ -22,7 +23,7 @@ from qswitch_agent.proxy.bundles import Tunings
 from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch
 from wire.analyser_frames import ETHER_TYPE, HERALDS
-from wire.parameters.switch import FIRST_INNER_PORT
+from wire.parameters.switch import FIRST_INNER_PORT, Kind, inner_port
 
 MODIFYING = (ofp.OFPFC_MODIFY, ofp.OFPFC_MODIFY_STRICT)
 PUTTING = (ofp.OFPFC_ADD, *MODIFYING)
@@ -167,6 +168,9 @@ def checked_port_mod(message: bytes, switch: Switch) -> tuple[PortMod, Tunings]:
     mod = PortMod.decode(message)
     if unknown := (mod.mask | mod.config) & ~ALL_CONFIG:
         raise refusals.bad_config(f"configuration bits {unknown:#x} mean nothing")
+    memory = mod.number in switch.inner and inner_port(mod.number).kind == Kind.MEMORY
+    if mod.cutoff_s is not None and not (memory and mod.cutoff_s):
+        raise refusals.bad_property(f"a cut-off of {mod.cutoff_s:g} s at port {mod.number}")
     if mod.number not in switch.fibers:
         if mod.number not in switch.ports:
             reason = f"there is no port {mod.number}"
@@ -174,7 +178,7 @@ def checked_port_mod(message: bytes, switch: Switch) -> tuple[PortMod, Tunings]:
         if mod.tuning:
             reason = f"port {mod.number} has no optics"
             raise refusals.bad_property(reason)
-        return mod, []
+        return mod, [(mod.number, Tuned(None, None, cutoff_s=mod.cutoff_s))] if mod.cutoff_s else []
     if mod.mask & ~CHANGEABLE:
         raise refusals.bad_config(
             f"configuration bits {mod.mask:#x} of a fibre: it can be down or send no packet-in"

@@ -13,7 +13,7 @@ import uvloop
 from dispatcher_network import FAST_HZ, Bench, block, configuration, running
 from test_switch_analysers import PAIRS, PatientClock, Scene, correlated
 
-from wire.dispatcher_pb2 import BellOutcomes, EmitRequest, MeasureRequest
+from wire.dispatcher_pb2 import BellOutcomes, EmitRequest, MeasureRequest, TunePortRequest
 from wire.parameters.physics import BadParameter, Device, Memory, PairSource
 from wire.parameters.switch import QuantumSwitch
 
@@ -222,6 +222,22 @@ def test_light_in_parts_that_fail_ends_by_name_until_they_are_repaired(tmp_path:
         assert (await swapped(scene)).size == PAIRS
         with pytest.raises(grpc.aio.AioRpcError, match="port 5 of q1 is not an inner port"):
             await runner.inject(failed=5)
+
+    play(tmp_path, act)
+
+
+def test_a_cut_off_can_be_set_and_is_of_memories_alone(tmp_path: Path) -> None:
+    async def act(scene: Scene) -> None:
+        await scene.bench.switch.connect(*STORING)
+        set_it = TunePortRequest(switch="q1", port=ONE, cutoff_s=0.5)
+        await scene.bench.switch.call("TunePort", set_it)  # the clock jumps over less than 1 s
+        await scene.emit(scene.bench.alice, "alice-q0", 0)
+        await require_stored(scene, ONE)
+        assert (await scene.report()).end == BellOutcomes.CUT_OFF
+        for port, cutoff_s in ((3, 0.5), (FIRST, 0.5), (ONE, 0.0), (ONE, math.nan)):
+            wrong = TunePortRequest(switch="q1", port=port, cutoff_s=cutoff_s)
+            with pytest.raises(grpc.aio.AioRpcError, match="give more than 0 s to a memory"):
+                await scene.bench.switch.call("TunePort", wrong)
 
     play(tmp_path, act)
 

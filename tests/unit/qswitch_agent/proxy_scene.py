@@ -50,6 +50,7 @@ class Optics:
     def __init__(self) -> None:
         self.calls: list[set[CrossConnect]] = []
         self.made: set[CrossConnect] = set()
+        self.cutoffs_s: dict[int, float] = {}
         self.emitted: list[tuple[int, Emission]] = []
         self.tuned: list[tuple[int, int | None, float | None, Direction]] = []
         self.failure: Exception | None = None
@@ -79,10 +80,13 @@ class Optics:
         frequency_mhz: int | None,
         power_dbm: float | None,
         direction: Direction = Direction.BOTH,
+        cutoff_s: float | None = None,
     ) -> None:
         if self.failure:
             raise self.failure
         self.tuned.append((port, frequency_mhz, power_dbm, direction))
+        if cutoff_s is not None:
+            self.cutoffs_s[port] = cutoff_s
 
     async def read(self) -> Readings:
         if self.failure:

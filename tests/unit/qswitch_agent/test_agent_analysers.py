@@ -1,6 +1,7 @@
 """Outcomes of a switch's analysers: counted, and sent by the entries of their port."""
 
 from dataclasses import replace
+from typing import Any
 
 import openflow_messages as of
 from openflow_messages import FIBERS, port
@@ -86,3 +87,32 @@ def test_a_part_that_fails_is_a_port_without_light_and_is_announced() -> None:
             assert [each.state for each in shown] == [ofp.OFPPS_LINK_DOWN, ofp.OFPPS_LIVE]
 
     play(scene())
+
+
+def test_a_port_mod_sets_the_cut_off_of_a_memory_and_of_nothing_else() -> None:
+    async def scene() -> None:
+        async with stage() as now:
+            now.switch.inner, now.switch.ports = frozenset(inner_ports(1, 1)), {1, 60_001, 61_001}
+            for number, cutoff_ns in ((1, 5), (60_001, 5), (61_001, 0)):
+                now.controller.says(of.port_mod(number, cut_off(cutoff_ns)))
+                error = of.decoded(await now.controller.next())
+                assert error.type == ofp.OFPET_BAD_PROPERTY
+            now.controller.says(of.port_mod(61_001, cut_off(5_000_000)))
+            await now.bridge.hears(of.port_mod(61_001))
+            question = await now.bridge.next()  # whether it has taken that
+            now.bridge.says(of.barrier_reply(messages.transaction_id(question)))
+            now.controller.says(messages.encode(ofp.OFPT_ECHO_REQUEST, 9))
+            await now.bridge.next()
+            assert now.optics.cutoffs_s == {61_001: 0.005}
+
+    play(scene())
+
+
+def cut_off(nanoseconds: int) -> Any:
+    """Return the property; the framework takes its data by words of 32 bits."""
+    return parser.OFPPortModPropExperimenter(
+        type_=ofp.OFPPMPT_EXPERIMENTER,
+        experimenter=optical.EXPERIMENTER,
+        exp_type=2,
+        data=list(divmod(nanoseconds, 1 << 32)),
+    )
