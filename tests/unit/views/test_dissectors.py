@@ -30,6 +30,8 @@ from dissector_scene import (
 from views.dissection.dissectors import lua
 from views.dissection.layout import COUNTED, Layout, device_layouts, metadata_layouts
 from wire import optical
+from wire.analyser_frames import BROADCAST, AnalyserFrame, End
+from wire.analyser_frames import Emission as InnerEmission
 from wire.device import (
     DEVICE_PORT,
     Datagram,
@@ -391,3 +393,24 @@ def test_lua_text_cannot_end_its_quotes() -> None:
     for value in ('"', "\n", "ä", 1.5):
         with pytest.raises(TypeError):
             lua(value)
+
+
+INNER = [
+    f"qinner.{name}"
+    for name in ("end", "port", "number", "pulses", "outcome", "session", "pairs", "malformed")
+]
+
+
+def test_frames_of_inner_ports_show_their_fields(tmp_path: Path) -> None:
+    report = AnalyserFrame(60_001, 7, End.MEASURED, 5, 0, bytes([0, 1, 2, 3, 255]))
+    stored = AnalyserFrame(61_001, 8, End.STORED, 2, 0, bytes(2))
+    emission = InnerEmission(9, 1, 100, 50_000_000, 193_400_000)
+    rubbish = BROADCAST + bytes(6) + b"\x88\xb5" + bytes(46)
+    frames = [each.encode(BROADCAST, bytes(6)) for each in (report, stored)]
+    rows = shown(tmp_path, [*frames, emission.encode(), rubbish], INNER)
+    told = [[row[name] for name in INNER] for row in rows]
+    assert told[0] == [["0"], ["60001"], ["7"], ["5"], ["0", "1", "2", "3", "15"], [], [], []]
+    assert told[1] == [["5"], ["61001"], ["8"], ["2"], ["0", "0"], [], [], []]
+    assert told[2] == [[], [], ["1"], [], [], ["9"], ["100"], []]
+    assert told[3][:7] == [[]] * 7
+    assert told[3][7]  # malformed
