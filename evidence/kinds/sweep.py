@@ -90,7 +90,7 @@ def describe(parser: Parser) -> None:
     parser.take_unknown = take_axes
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     text = "one of those below, or a file that names one"
-    parser.add_argument("what", metavar="WHAT|FILE.toml", help=text)
+    parser.add_argument("what", metavar="WHAT|JOB|FILE.toml", help=text)
     parser.add_argument("-h", "--help", action=Help, help="show this; of WHAT, its parameters")
     add_options(parser, SweepOptions)
     for name, helps in _axes().items():
@@ -147,7 +147,7 @@ class Help(argparse.Action):
                 action.help += ", with --emulate" if light else ""
             else:
                 action.help = argparse.SUPPRESS
-        parser.print_help()
+        print(parser.whole_help(), end="")
         parser.exit()
 
 
