@@ -18,7 +18,7 @@ def require_schema(folder: Path) -> None:
     assert problems(json.loads((folder / "result.json").read_text()), root, root) == []
 
 
-@pytest.mark.by_day(every=2)
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize(
     "words",
     [

@@ -178,6 +178,7 @@ def test_single_clicks_herald_pairs_as_good_as_qubits_are_dark(
     require_estimate(asking, polarised(fidelity), 0.0)
 
 
+@pytest.mark.nightly
 def test_a_request_for_12_pairs_makes_those_and_a_sample(tmp_path: Path) -> None:
     """A memory takes 32: 20 of them are sampled, and for 10 more 1.05 x 10 + 1 are made, 11.5."""
     words = ["distribute", "--node", "ion-trap", "--node", "charlie=station", "--count", "12"]
@@ -186,6 +187,7 @@ def test_a_request_for_12_pairs_makes_those_and_a_sample(tmp_path: Path) -> None
     assert (asking["pairs"], asking["emitted"], asking["sampled"]) == (12, 44, 30)
 
 
+@pytest.mark.nightly
 def test_what_pairs_are_when_they_are_handed_over_is_told(tmp_path: Path) -> None:
     """Of coherence c = 2 F - 1 at their sample exp(-2 t / T2) is left at both ends."""
     t2_s = 0.5

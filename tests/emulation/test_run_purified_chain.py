@@ -44,7 +44,7 @@ def test_the_papers_formulas_by_hand() -> None:
     assert purified((0.7, 0.3, 0.0, 0.0)) == pytest.approx((0.58, 0.0, 0.0, 0.42))
 
 
-@pytest.mark.by_day(every=2)
+@pytest.mark.nightly
 @pytest.mark.parametrize("rounds", [1, 0])
 def test_spans_are_purified_before_they_are_swapped(tmp_path: Path, rounds: int) -> None:
     words = ["swap", "--topology", "repeaters,3", "--schedule", "nested", "--purify", str(rounds)]

@@ -273,6 +273,7 @@ def tunnelled(
         yield network
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("silent", ["vpn-bob", "kme-alice"])
 def test_the_tunnel_closes_in_time_while_its_end_waits_for_an_answer(
     tmp_path: Path, silent: str

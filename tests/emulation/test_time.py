@@ -98,6 +98,7 @@ def test_paced_copper_takes_as_long_as_the_scale_says() -> None:
         assert fastest_ping_s(network.host("alice"), "10.0.0.2") >= 5 * 2 * one_way_s(400)
 
 
+@pytest.mark.nightly
 def test_copper_that_is_too_short_for_light_is_marked(tmp_path: Path) -> None:
     """Without any copper, bob hears what alice has measured 4000 km before light could tell."""
     with start("sdc", folder=tmp_path, length_km=2000.0, copper_km=0.0):

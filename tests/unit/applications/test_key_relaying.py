@@ -192,6 +192,22 @@ def test_an_eavesdropper_on_one_link_closes_the_route(tmp_path: Path) -> None:
     play(tmp_path, scene)
 
 
+@pytest.mark.parametrize("nodes", [("10.0.0.1",), ("10.0.0.11", "10.0.0.12", "10.0.0.2")])
+def test_a_route_that_has_no_way_from_here_is_refused(
+    tmp_path: Path, nodes: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def ask(*_request: Any) -> KeyRoute:
+        return route(nodes, stored=STORED)
+
+    async def scene(row: Row) -> None:
+        monkeypatch.setattr(row.of["alice"].router, "ask", ask)
+        with pytest.raises(Refused, match="does not begin here"):
+            await row.of["alice"].get_keys("a", "b", KeyRequest())
+        assert row.bodies == []
+
+    play(tmp_path, scene)
+
+
 def spoiled(body: bytes, place: int) -> bytes:
     text, tag = decode_sealed(body)
     relay = Relay.decode(text)
