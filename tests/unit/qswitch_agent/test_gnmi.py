@@ -14,7 +14,7 @@ from limits import SOON_S
 from pygnmi.client import gNMIclient, gNMIException
 from pygnmi.create_gnmi_path import gnmi_path_generator
 from pygnmi.spec.v080 import gnmi_pb2 as gnmi
-from pygnmi.spec.v080.gnmi_pb2_grpc import add_gNMIServicer_to_server
+from pygnmi.spec.v080.gnmi_pb2_grpc import add_gNMIServicer_to_server, gNMIStub
 
 import qswitch_agent.telemetry
 from qswitch_agent.hardware.optics import (
@@ -254,6 +254,20 @@ def test_samples_that_are_too_frequent_are_refused(served: Served) -> None:
     with served.client() as client, subscribed(client, "stream", PHOTONS, **TOO_FREQUENT) as told:
         text = refusal(told)
     assert "sample_interval 0.001 s: at least 0.1 s" in text
+
+
+def test_a_subscription_by_polls_tells_all_at_each_and_takes_nothing_else(served: Served) -> None:
+    asked = gnmi.SubscriptionList(
+        subscription=[gnmi.Subscription(path=gnmi_path_generator(PHOTONS))],
+        mode=gnmi.SubscriptionList.POLL,
+        encoding=gnmi.JSON,
+    )
+    first, poll = gnmi.SubscribeRequest(subscribe=asked), gnmi.SubscribeRequest(poll=gnmi.Poll())
+    with grpc.insecure_channel(f"127.0.0.1:{served.port}") as channel:
+        told = gNMIStub(channel).Subscribe(iter([first, poll, poll, first]), timeout=SOON_S)
+        kinds = [next(told).WhichOneof("response") for _ in range(4)]
+        assert "a subscription by polls has polls alone" in refusal(told)
+    assert kinds == 2 * ["update", "sync_response"]
 
 
 def refusal(responses: Any) -> str:
