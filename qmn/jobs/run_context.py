@@ -142,6 +142,7 @@ def _running(
             context.signals,
             lambda cause: console.print(f"ending: {cause}", soft_wrap=True),
             partial(console.print, soft_wrap=True),
+            run.packet_bytes,
         ) as network,
     ):
         if runtime.places:
@@ -160,10 +161,7 @@ def _running(
             facts.gnmi = dict(runtime.gnmi_addresses)
             for switch, address in runtime.gnmi_addresses.items():
                 console.print(f"gNMI of {switch}: {address}", soft_wrap=True)
-        if run.packet_bytes:
-            switches = network.copper_switches
-            files = network.capture(*switches, openflow=True, packet_bytes=run.packet_bytes)
-            facts.captures = [str(file) for file in files]
+        facts.captures = [str(file) for file in network.captured]
         say = partial(console.print, soft_wrap=True)
         with live_view(run.live, context.folder, say, for_all=run.live_for_all):
             try:

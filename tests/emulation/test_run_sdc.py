@@ -122,6 +122,18 @@ def test_captures_of_headers_hold_set_up_messages_whole_and_little_else(
     assert len(setups) >= result["job"]["asking"]["bell_pairs"]
 
 
+def test_wireshark_reads_grpc_from_the_beginning_of_each_connection(
+    short_run: tuple[Path, dict[str, Any]],
+) -> None:
+    folder, _ = short_run
+    wanted = ["-Y", "grpc", "-T", "fields", "-e", "http2.header.value"]
+    for host in ("s1-eth1", "s1-eth2", "s1-eth3"):  # alice's, bob's and charlie's
+        read_as = ["-r", str(folder / f"{host}.pcap"), "-d", "tcp.port==50051,http2"]
+        command = ["tshark", *read_as, *wanted]
+        read = subprocess.run(command, capture_output=True, text=True, check=True, timeout=SOON_S)
+        assert "/qmn.Dispatcher/Challenge" in read.stdout
+
+
 def test_qmn_by_itself_forks_off_programs_that_say_in_their_logs_what_they_do(
     tmp_path: Path,
 ) -> None:

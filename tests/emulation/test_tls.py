@@ -51,8 +51,7 @@ def firsts(files: Iterable[Path], port: int) -> Iterator[bytes]:
 
 @pytest.mark.image
 def test_a_run_by_tls_is_read_by_who_has_its_key_log(tmp_path: Path) -> None:
-    # Stepped, hosts connect to the dispatcher before captures begin.
-    done = qmn("--message", "hello", "--tls", "--time", "paced", runs=tmp_path)
+    done = qmn("--message", "hello", "--tls", runs=tmp_path)
     assert done.returncode == 0, done.stderr
     run = tmp_path / "latest"
     assert (run / "received").read_bytes() == b"hello"

@@ -76,11 +76,15 @@ class Network:
         signals: Signals,
         tell: Callable[[str], None] | None = None,
         say: Callable[[str], None] | None = None,
+        packet_bytes: int = 0,
     ) -> None:
         """Set it up; call `tell` with the cause of its end before the clean-up.
 
-        `say` gets what a long start waits for.
+        `say` gets what a long start waits for. So many bytes of each packet on copper, and of
+        OpenFlow, are captured, from the beginning of each connection on; 0: none.
         """
+        self._packet_bytes = packet_bytes
+        self.captured: list[Path] = []  # files
         self._long_start = LongStart(say)
         self._topo = topo
         self._tell = tell
@@ -182,8 +186,7 @@ class Network:
             self.net.build()
             self._signals.check()
             self._long_start.waits_for(f"{len(self.net.switches)} switches to start")
-            if self.runtime.settings.tls and self.runtime.log_folder is not None:
-                self.capture_openflow()  # Wireshark needs the beginnings of TLS
+            self._capture_beginnings()
             self.net.start()
         except SystemExit as error:
             self.check()
@@ -202,6 +205,14 @@ class Network:
         except Exception:  # Mininet raises no other kind
             self.check()
             raise
+
+    def _capture_beginnings(self) -> None:
+        """Capture before connections begin: Wireshark needs the first bytes of gRPC and TLS."""
+        if sizes := self._packet_bytes:
+            switches = self.copper_switches
+            self.captured = self.capture(*switches, openflow=True, packet_bytes=sizes)
+        elif self.runtime.settings.tls and self.runtime.log_folder is not None:
+            self.capture_openflow()
 
     def _watched(self) -> Iterator[ShellWatcher]:
         """Yield our nodes; a topology may have others, too."""
