@@ -80,8 +80,8 @@ class Network:
     ) -> None:
         """Set it up; call `tell` with the cause of its end before the clean-up.
 
-        `say` gets what a long start waits for. So many bytes of each packet on copper, and of
-        OpenFlow, are captured, from the beginning of each connection on; 0: none.
+        `say` gets what a long start waits for. At most `packet_bytes` of each packet on copper, and
+        of OpenFlow, are captured, from the beginning of each connection on; 0: none.
         """
         self._packet_bytes = packet_bytes
         self.captured: list[Path] = []  # files
