@@ -261,7 +261,7 @@ def test_unknown_curves_are_refused(tmp_path: Path, capsys: pytest.CaptureFixtur
     ("words", "shown", "hidden"),
     [
         (["sweep", "--help"], "\n  hom                  Hong-Ou-Mandel", "--depolarizing VALUES"),
-        (["sweep", "sdc", "--help-all"], "--depolarizing VALUES", "--share VALUES"),
+        (["sweep", "sdc", "--help"], "--depolarizing VALUES", "--share VALUES"),
         (["sweep", "seal", "--help"], "seal: a tamper seal", "--fec VALUES"),
     ],
 )
