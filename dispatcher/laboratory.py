@@ -20,6 +20,7 @@ from dispatcher.layer.ownership import BlockName
 from dispatcher.operations.request_table import RequestTable
 from dispatcher.sabot.backend import Bytes
 from dispatcher.timeouts import RECEIVE_TIMEOUT_S
+from wire import gaps
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import (
     BlockId,
@@ -31,6 +32,7 @@ from wire.dispatcher_pb2 import (
     Launch,
     MeasureRequest,
     Pick,
+    PulseKey,
 )
 
 START_NS = 1_700_000_000_000_000_000
@@ -118,6 +120,14 @@ class LaboratoryHost:
             levels=packed(levels),
         )
 
+    async def emit(
+        self, count: int, number: int, key: bytes, shares: Sequence[float] = ()
+    ) -> Feedback:
+        """Make a block of photons in states that a key chooses, and intensities by their shares."""
+        name, prepared = {"session": SESSION, "number": number}, CreateRequest.PREPARED
+        chosen = PulseKey(key=key, shares=shares)
+        return await self._act("create", **name, count=count, state=prepared, key=chosen)
+
     async def apply(
         self, block: BlockKey, paulis: Bytes | None = None, gates: Sequence[Gate] = ()
     ) -> Feedback:
@@ -153,6 +163,12 @@ class LaboratoryHost:
         return outcomes(
             await self._act("measure", block=block_id(block), basis=basis, bases=packed(bases))
         )
+
+    async def clicks(self, block: BlockKey, key: bytes) -> tuple[NDArray[np.int64], Bytes]:
+        """Measure and use up a block in bases that a key chooses; return where, and the bits."""
+        feedback = await self._act("measure", block=block_id(block), key=key)
+        at = gaps.decode(feedback.gaps, feedback.photons)
+        return at, np.unpackbits(np.frombuffer(feedback.bits, np.uint8), count=at.size)
 
     async def resend(self, block: BlockKey, bases: Bytes) -> Bytes:
         """Measure photons and put new ones in their places; a basis of 255 leaves one alone."""

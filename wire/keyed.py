@@ -4,6 +4,8 @@ Two rounds of the finaliser of SplitMix64 (Steele, Lea, Flood, OOPSLA 2014), eac
 key. Two programs draw the same numbers by one key.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,3 +39,36 @@ def uniform(key: bytes, at: NDArray[np.int64] | Words) -> NDArray[np.float64]:
 def identities(at: NDArray[np.int64], fates: NDArray[np.float64]) -> Words:
     """Return a number for each photon, of its pulse and a number that it alone has there."""
     return words(bytes(KEY_BYTES), at) ^ fates.view(np.uint64)
+
+
+@dataclass(frozen=True)
+class KeyedChoices:
+    """What a host chooses at random for each pulse: its state, and its level of intensity."""
+
+    key: bytes
+    count: int  # pulses
+    shares: tuple[float, ...] = ()  # of the levels; empty: all have one
+
+    @property
+    def places(self) -> int:
+        """How many of them are kept: none."""
+        return 0
+
+    def states(self, at: NDArray[np.int64]) -> NDArray[np.uint8]:
+        """Return 0 to 3, for |0>, |1>, |+> and |->, of pulses; shape (m,)."""
+        return (words(self.key, at) & np.uint64(3)).astype(np.uint8)
+
+    def bases(self, at: NDArray[np.int64]) -> NDArray[np.uint8]:
+        """Return the bases of these states: 0 Z, 1 X."""
+        return self.states(at) >> np.uint8(1)
+
+    def levels(self, at: NDArray[np.int64]) -> NDArray[np.uint8] | None:
+        """Return the level of each of these pulses; None if all have one."""
+        if not self.shares:
+            return None
+        bounds = np.cumsum(self.shares)[:-1]
+        return bounds.searchsorted(uniform(self.key, at), side="right").astype(np.uint8)
+
+    def mean(self, values: NDArray[np.float64]) -> float:
+        """Return the mean over all pulses of a value that each level has."""
+        return float(np.dot(self.shares or (1.0,), values[: len(self.shares) or 1]))

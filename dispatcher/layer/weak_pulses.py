@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dispatcher.photon_random import PhotonRandom, PhotonsByKey
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.draws import PhotonDraws
-from wire.keyed import identities
+from wire.keyed import KeyedChoices, identities
 
 LAYERS = 16  # in the last one are all fates below 2 ** -LAYERS
 
@@ -37,22 +37,36 @@ class Photons(NamedTuple):
         return Photons(self.pulses[mask], self.fates[mask])
 
 
-class PulseChoices(NamedTuple):
-    """The states that a host has chosen for pulses, and their levels of intensity."""
+@dataclass(frozen=True)
+class ArrayChoices:
+    """The states that a host has chosen for pulses, and their levels of intensity; shape (k,)."""
 
-    states: Bytes
-    levels: Bytes | None
+    each_state: Bytes
+    each_level: Bytes | None
 
-    def states_of(self, pulses: Pulses) -> Bytes:
-        return self.states[pulses]
+    @property
+    def count(self) -> int:
+        return self.each_state.size
 
     @property
     def places(self) -> int:
         """How many of them are kept."""
-        return self.states.size
+        return self.count
 
-    def levels_of(self, pulses: Pulses) -> Bytes | None:
-        return None if self.levels is None else self.levels[pulses]
+    def states(self, at: Pulses) -> Bytes:
+        return self.each_state[at]
+
+    def levels(self, at: Pulses) -> Bytes | None:
+        return None if self.each_level is None else self.each_level[at]
+
+    def mean(self, values: NDArray[np.float64]) -> float:
+        """Return the mean over all pulses of a value that each level has."""
+        if self.each_level is None:
+            return float(values[0])
+        return float(np.bincount(self.each_level, minlength=values.size) @ values) / self.count
+
+
+Choices = ArrayChoices | KeyedChoices
 
 
 @dataclass(eq=False, slots=True)
@@ -62,7 +76,7 @@ class WeakPulses:
     count: int
     mean: float  # photons of a pulse of the highest intensity
     shares: NDArray[np.float64]  # of that, by level
-    choices: PulseChoices
+    choices: Choices
     random: PhotonRandom  # of the source
     jitter_ps: float = 0.0
     transmission: float = 1.0
@@ -84,7 +98,7 @@ class WeakPulses:
 
     def thresholds(self, photons: Photons) -> NDArray[np.float64]:
         """Return below which fate each photon has come so far, shape (m,)."""
-        levels = self.choices.levels_of(photons.pulses)
+        levels = self.choices.levels(photons.pulses)
         shares = np.ones(photons.pulses.size) if levels is None else self.shares[levels]
         return self.transmission * shares
 
@@ -149,14 +163,12 @@ def first_of_each(pulses: Pulses) -> NDArray[np.bool_]:
 
 
 def weak_pulses(
-    count: int, intensities: tuple[float, ...], choices: PulseChoices, random: PhotonRandom
+    intensities: tuple[float, ...], choices: Choices, random: PhotonRandom
 ) -> WeakPulses:
-    mean = intensities[0]
+    mean, count = intensities[0], choices.count
     shares = np.array(intensities) / mean if mean else np.ones(len(intensities))
     light = WeakPulses(count, mean, shares, choices, random)
-    levels = choices.levels
-    share = 1.0
-    if levels is not None:
-        share = float(np.bincount(levels, minlength=shares.size) @ shares) / count
-    light.expected = int(random.generator("photons count").poisson(count * mean * share))
+    light.expected = int(
+        random.generator("photons count").poisson(count * mean * choices.mean(shares))
+    )
     return light

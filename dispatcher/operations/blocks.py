@@ -12,7 +12,7 @@ from dispatcher.devices.source import most_extra_pairs
 from dispatcher.layer import cutoff, device_noise, drift, extra_pairs, herald
 from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import Block, BlockName
-from dispatcher.layer.weak_pulses import PulseChoices
+from dispatcher.layer.weak_pulses import ArrayChoices, Choices
 from dispatcher.operations import emission, imperfections, limits, weak_light
 from dispatcher.operations.emission import emit_into, emit_prepared
 from dispatcher.refusal import Refusal, exhausted, invalid
@@ -30,6 +30,7 @@ from wire.dispatcher_pb2 import (
     StoreRequest,
 )
 from wire.features import EMIT, GATE, STORE
+from wire.keyed import KeyedChoices
 from wire.outcomes import PAULIS
 from wire.parameters.physics import PairSource
 
@@ -110,11 +111,14 @@ class Operations:
         by_host = (
             request.state == CreateRequest.ZEROS
         )  # qubits of the host itself, not of its source
-        states = limits.states(request)
-        levels = limits.levels(request, len(source.intensities))
-        if states is not None and weak_light.is_weak(source) and not _has_custom_noise(layer, node):
-            return self._create_weak(node, names[0], source, PulseChoices(states, levels))
+        choices = limits.choices(request, len(source.intensities))
+        weak = weak_light.is_weak(source) and not _has_custom_noise(layer, node)
+        if choices is not None and weak:
+            return self._create_weak(node, names[0], source, choices)
         require_count(request.count)
+        states, levels = self._states(request, choices, source)
+        if states is not None and weak:
+            return self._create_weak(node, names[0], source, ArrayChoices(states, levels))
         more = 0 if by_host else most_extra_pairs(source, request.count)
         self._require_capacity(node, names, request.count, more)
         blocks = self._new_blocks(node, names, self._make(request, states))
@@ -137,8 +141,17 @@ class Operations:
         layer.record(node, "create", blocks[0], detail=text, each=each)
         return imperfections.lasts(layer.feedback(blocks[0]), seconds, blocks)
 
+    def _states(
+        self, request: CreateRequest, choices: KeyedChoices | None, source: PairSource
+    ) -> tuple[Bytes | None, Bytes | None]:
+        """Return the state and the level of each photon; None: what all have."""
+        if choices is None:
+            return limits.states(request), limits.levels(request, len(source.intensities))
+        every = np.arange(request.count)
+        return choices.states(every), choices.levels(every)
+
     def _create_weak(
-        self, node: str, name: BlockName, source: PairSource, choices: PulseChoices
+        self, node: str, name: BlockName, source: PairSource, choices: Choices
     ) -> Feedback:
         """Let a laser emit pulses, whose photons are drawn when something looks at them."""
         layer = self._layer
@@ -147,10 +160,12 @@ class Operations:
         light = weak_light.emitted(block, source, choices, layer.draws)
         layer.ownership.change(block, Register(0), light)
         block.retimed, block.source_rate_hz = True, source.max_rate_hz
-        detail = f"weak pulses: {tally(choices.states, emission.STATES)}"
+        detail = "weak pulses, by a key"
+        if isinstance(choices, ArrayChoices):
+            detail = f"weak pulses: {tally(choices.each_state, emission.STATES)}"
 
         def each(position: int) -> str:
-            return emission.STATES[choices.states_of(np.array([position]))[0]]
+            return emission.STATES[choices.states(np.array([position]))[0]]
 
         layer.record(node, "create", block, detail=detail, each=each)
         return layer.feedback(block)

@@ -1,8 +1,9 @@
 """Checks of what a request asks for, before anything is changed."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import MAX_BLOCKS, Block
@@ -24,7 +25,9 @@ from wire.dispatcher_pb2 import (
     Order,
     TunePortRequest,
 )
+from wire.keyed import KEY_BYTES, KeyedChoices
 from wire.outcomes import BASES
+from wire.parameters.physics import SUM_TOLERANCE
 from wire.parameters.switch import TEMPERATURE_C, QuantumSwitch
 
 MAX_ANGLE_RAD = 1e6
@@ -54,6 +57,32 @@ def states(request: CreateRequest) -> Bytes | None:
         raise invalid(f"state_dibits: {error}; send two bits for each, and fill up by 0") from error
 
 
+def choices(request: CreateRequest, intensities: int) -> KeyedChoices | None:
+    """Return what a key chooses for each photon; None without one."""
+    if not request.HasField("key"):
+        return None
+    if request.state != CreateRequest.PREPARED or request.states or request.state_dibits:
+        raise invalid("a request with a key and states; send PREPARED with one of them")
+    if request.levels:
+        raise invalid("a request with a key and levels; leave one of them out")
+    shares = tuple(request.key.shares)
+    if shares and (len(shares) != intensities or not _is_distribution(shares)):
+        raise invalid(f"shares {shares} of a source with {intensities} intensities; send one each")
+    if not request.count:
+        raise invalid("count is 0; name the photons to be made")
+    return KeyedChoices(_key(request.key.key), request.count, shares)
+
+
+def _is_distribution(shares: tuple[float, ...]) -> bool:
+    return all(0 <= share <= 1 for share in shares) and abs(sum(shares) - 1) < SUM_TOLERANCE
+
+
+def _key(key: bytes) -> bytes:
+    if len(key) != KEY_BYTES:
+        raise invalid(f"a key of {len(key)} bytes; send {KEY_BYTES}")
+    return key
+
+
 def levels(request: CreateRequest, intensities: int) -> Bytes | None:
     """Return the number of each pulse's intensity, None if all have the first.
 
@@ -79,7 +108,16 @@ def paulis(request: ApplyRequest, photons: int) -> Bytes | None:
         raise invalid(f"dibits: {error}; send two for each photon, and fill up by 0") from error
 
 
-def bases(request: MeasureRequest, photons: int) -> Bytes:
+def bases(request: MeasureRequest, photons: int) -> Callable[[NDArray[np.int64]], Bytes]:
+    """Return what tells the bases of some photons, by their positions."""
+    if not request.key:
+        return _bases(request, photons).__getitem__
+    if request.bases or request.basis_bits:
+        raise invalid("a request with a key and bases; leave one of them out")
+    return KeyedChoices(_key(request.key), photons).bases
+
+
+def _bases(request: MeasureRequest, photons: int) -> Bytes:
     """Return the basis of each photon, however they are packed."""
     if request.basis not in MeasureRequest.Basis.values():
         raise invalid(f"basis {request.basis} is unknown; use {', '.join(BASES)}")

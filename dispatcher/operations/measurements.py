@@ -1,13 +1,15 @@
 """Measurements of blocks by the node that holds them: first states, then detectors."""
 
+from collections.abc import Callable
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from dispatcher.approximations import SEVERAL_PAIRS, of_outcomes
 from dispatcher.devices import hardware
 from dispatcher.devices.analyser import Analyser, Analysis, Half
-from dispatcher.devices.detector import Train
+from dispatcher.devices.detector import Slots, Train
 from dispatcher.devices.detectors import Detection, ExtraBits
 from dispatcher.devices.overlap import Overlap, overlap
 from dispatcher.fiber.turn import alignment
@@ -24,7 +26,7 @@ from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.capacity import DIAGONAL, GateStep
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.registers import Mask
-from wire import dibits
+from wire import dibits, gaps
 from wire.dispatcher_pb2 import BellMeasureRequest, Feedback, MeasureRequest
 from wire.features import MEASURE
 from wire.outcomes import BASES, BELL_STATES, NO_CLICK, PAULI_BASES
@@ -44,11 +46,12 @@ class Measurements:
         block = layer.ownership.require(block_name(request.block), node)
         hardware.require(layer.devices, node, MEASURE)
         hardware.require_encoding(layer.devices, node, block.pulses.encoding)
-        values = limits.bases(request, block.size)
+        bases = limits.bases(request, block.size)
         if block.weak is not None:
-            if (obstacle := self._obstacle(block, values)) is None:
-                return self._measure_weak(block, block.weak, values, request.packed)
+            if (obstacle := self._obstacle(block)) is None:
+                return self._measure_weak(block, block.weak, request, bases)
             weak_light.draw(layer, obstacle, block)
+        values = bases(np.arange(block.size))
         self._require_capacity(block, values)
         done_ns = layer.clock.now_ns()  # however long it takes to simulate
         layer.take_up(block)
@@ -69,34 +72,39 @@ class Measurements:
         incidents = detection.incidents() | ({"misread": wrong} if wrong else {})
         self._report(block, feedback, values, outcomes, incidents)
         feedback.clicks = detection.clicks
-        _tell_bits(feedback, outcomes, request.packed)
+        _tell_bits(feedback, outcomes, request)
         seconds = layer.devices.of(node).gates.readout_s if block.kept else 0.0
         return imperfections.lasts(feedback, seconds)
 
     def _measure_weak(
-        self, block: Block, light: WeakPulses, values: Bytes, packed: bool
+        self,
+        block: Block,
+        light: WeakPulses,
+        request: MeasureRequest,
+        bases: weak_light.BasesAt,
     ) -> Feedback:
         """Measure and use up weak pulses, of which only those are simulated that may click."""
         layer = self._layer
         feedback = layer.feedback(block)
         place = block.draws_for(f"detectors of {block.node}")
-        slots, detection = weak_light.detect(layer, block, light, place, values)
+        slots, detection = weak_light.detect(layer, block, light, place, bases)
         layer.ownership.remove(block)
         bits, wrong = imperfections.misread(layer, block, detection.bits, "measure")
-        outcomes = np.full(light.count, NO_CLICK, np.uint8)
-        outcomes[slots] = bits
         incidents = detection.incidents() | ({"misread": wrong} if wrong else {})
-        self._report(block, feedback, values, outcomes, incidents)
+        outcomes = Outcomes(slots, bits)
+        self._report(block, feedback, bases(slots), bits, incidents, outcomes.each(bases))
         feedback.clicks = detection.clicks
-        _tell_bits(feedback, outcomes, packed)
+        if request.key:
+            _tell_gaps(feedback, slots, bits)
+        else:
+            _tell_bits(feedback, outcomes.of_all(light.count), request)
         return feedback
 
-    def _obstacle(self, block: Block, values: Bytes) -> str | None:
+    def _obstacle(self, block: Block) -> str | None:
         """Return what weak pulses have to be drawn for before a measurement; None: nothing."""
-        layer = self._layer
-        if layer.devices.noise(block.node, "detectors") is not None:
+        if self._layer.devices.noise(block.node, "detectors") is not None:
             return "noise of detectors"
-        return layer.waits(block)
+        return self._layer.waits(block)
 
     def _report(
         self,
@@ -105,11 +113,13 @@ class Measurements:
         values: Bytes,
         outcomes: Bytes,
         incidents: dict[str, int],
+        each: Callable[[int], str] | None = None,
     ) -> None:
+        """Report bases and outcomes: of all photons, or of those with clicks."""
         layer = self._layer
         feedback.exact = layer.count_exact((block,))
         detail = f"{tally(values, BASES)}: {tally(outcomes, ('0', '1'))}" + listed(incidents)
-        each = partial(basis_and_outcome, values, outcomes)
+        each = each or partial(basis_and_outcome, values, outcomes)
         layer.record(block.node, "measure", block, detail=detail, each=each)
 
     def _require_capacity(self, block: Block, values: Bytes) -> None:
@@ -303,8 +313,39 @@ def _matched(device: BellAnalyser, one: Pulses, other: Pulses, photons: int) -> 
     return spectra._replace(most=spectra.most * aligned)
 
 
-def _tell_bits(feedback: Feedback, outcomes: Bytes, packed: bool) -> None:
-    if packed:
+class Outcomes(NamedTuple):
+    """The bits of clicks, by their slots."""
+
+    slots: Slots
+    bits: Bytes
+
+    def of_all(self, count: int) -> Bytes:
+        """Return a place for each of so many pulses, NO_CLICK where there is none."""
+        outcomes = np.full(count, NO_CLICK, np.uint8)
+        outcomes[self.slots] = self.bits
+        return outcomes
+
+    def each(self, bases: weak_light.BasesAt) -> Callable[[int], str]:
+        """Return what tells in which basis a photon was measured, and the outcome."""
+
+        def of(position: int) -> str:
+            place, at = int(self.slots.searchsorted(position)), np.array([position])
+            clicked = place < self.slots.size and self.slots[place] == position
+            bit = self.bits[place : place + 1] if clicked else np.array([NO_CLICK], np.uint8)
+            return basis_and_outcome(bases(at), bit, 0)
+
+        return of
+
+
+def _tell_gaps(feedback: Feedback, slots: Slots, bits: Bytes) -> None:
+    feedback.gaps, feedback.bits = gaps.encode(slots), np.packbits(bits).tobytes()
+
+
+def _tell_bits(feedback: Feedback, outcomes: Bytes, request: MeasureRequest) -> None:
+    if request.key:
+        slots = np.flatnonzero(outcomes != NO_CLICK)
+        _tell_gaps(feedback, slots, outcomes[slots])
+    elif request.packed:
         feedback.bits = np.packbits(outcomes & np.uint8(1)).tobytes()
         feedback.missed = _packed_mask(outcomes == NO_CLICK)
     else:

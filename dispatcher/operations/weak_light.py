@@ -6,7 +6,7 @@ photons first, for all pulses: it is a block like others then, and the event log
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import partial
 
 import numpy as np
@@ -20,8 +20,8 @@ from dispatcher.layer import pulses
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block, BlockName, ExtraPairs
 from dispatcher.layer.weak_pulses import (
+    Choices,
     Photons,
-    PulseChoices,
     WeakPulses,
     first_of_each,
     weak_pulses,
@@ -37,16 +37,18 @@ from wire.config import FiberEnd
 from wire.keyed import identities
 from wire.parameters.physics import PairSource
 
+BasesAt = Callable[[Slots], Bytes]  # the bases of some pulses
+
 
 def is_weak(source: PairSource) -> bool:
     """Whether photons that a host prepares are in pulses of a laser."""
     return source.statistics == "poisson" and not source.heralding_efficiency
 
 
-def emitted(block: Block, source: PairSource, choices: PulseChoices, draws: Source) -> WeakPulses:
+def emitted(block: Block, source: PairSource, choices: Choices, draws: Source) -> WeakPulses:
     """Return the light of a laser in a new block."""
-    random = PhotonRandom(draws, block.name, block.draws_for("source"), choices.states.size)
-    light = weak_pulses(choices.states.size, source.intensities, choices, random)
+    random = PhotonRandom(draws, block.name, block.draws_for("source"), choices.count)
+    light = weak_pulses(source.intensities, choices, random)
     light.jitter_ps = source.jitter_ps
     if source.preparation_error:
         light.of_pulses.append((random, partial(_misprepared, source)))
@@ -131,7 +133,7 @@ def _draw(layer: PhysicalLayer, block: Block, light: WeakPulses) -> None:
     require_capacity(layer, block)
     photons = light.photons()
     paulis, own = light.paulis(photons), first_of_each(photons.pulses)
-    register = emission.prepare(layer.sabot, light.choices.states_of(np.arange(light.count)))
+    register = emission.prepare(layer.sabot, light.choices.states(np.arange(light.count)))
     present = np.zeros(light.count, bool)
     present[photons.pulses[own]] = True
     every = np.zeros(light.count, np.uint8)
@@ -152,7 +154,7 @@ def require_capacity(layer: PhysicalLayer, block: Block) -> None:
 
 
 def _made(layer: PhysicalLayer, light: WeakPulses, photons: Photons, paulis: Bytes) -> Register:
-    register = emission.prepare(layer.sabot, light.choices.states_of(photons.pulses))
+    register = emission.prepare(layer.sabot, light.choices.states(photons.pulses))
     layer.sabot.pauli(register, paulis)
     return register
 
@@ -169,12 +171,9 @@ def _require_capacity(layer: PhysicalLayer, block: Block, photons: float) -> Non
 
 
 def detect(
-    layer: PhysicalLayer, block: Block, light: WeakPulses, place: str, bases: Bytes
+    layer: PhysicalLayer, block: Block, light: WeakPulses, place: str, bases: BasesAt
 ) -> tuple[Slots, Detection]:
-    """Draw the photons of weak pulses that detectors see, and measure them; return the clicks.
-
-    `bases` has shape (k,).
-    """
+    """Draw the photons of weak pulses that detectors see, and measure them; return the clicks."""
     detectors = layer.devices.detectors(block.node, "measure")
     best = float(detectors.efficiencies.max())
     _require_capacity(layer, block, light.most_photons(best))
@@ -189,13 +188,13 @@ def detect(
 
 
 def _measured(
-    layer: PhysicalLayer, light: WeakPulses, photons: Photons, random: PhotonRandom, bases: Bytes
+    layer: PhysicalLayer, light: WeakPulses, photons: Photons, random: PhotonRandom, bases: BasesAt
 ) -> Bytes:
     if not photons.pulses.size:
         return np.zeros(0, np.uint8)
     register = _made(layer, light, photons, light.paulis(photons))
     draws = light.draws(photons, random)
-    return layer.sabot.measure(register, bases[photons.pulses], draws)
+    return layer.sabot.measure(register, bases(photons.pulses), draws)
 
 
 def _moved_ps(

@@ -1,22 +1,31 @@
 """Weak pulses, of which only those are simulated that may click; the seeds are 1 to 50."""
 
+import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 import uvloop
+from five_sigma import within
+from numpy.typing import NDArray
 
 from dispatcher.laboratory import Laboratory
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block
 from dispatcher.layer.weak_pulses import Photons, WeakPulses
 from dispatcher.operations import weak_light
+from dispatcher.refusal import Refusal
+from dispatcher.sabot.backend import Bytes
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
+from wire.dispatcher_pb2 import CreateRequest, PulseKey
+from wire.keyed import KeyedChoices
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import Detectors, Device, PairSource
 
 SEEDS = range(1, 51)
 PULSES = 10_000
+KEY = bytes(range(16))
 
 
 def every_photon(light: WeakPulses, _share: float = 1.0) -> Photons:
@@ -74,11 +83,16 @@ def chosen(random: np.random.Generator) -> tuple[DispatcherConfig, int]:
 
 
 async def exchanged(config: DispatcherConfig, rate_hz: int, pulses: int = PULSES) -> list[int]:
-    """Return bob's outcomes of two blocks."""
+    """Return bob's outcomes of two blocks, and his clicks of one whose states a key chooses."""
     random, laboratory = np.random.default_rng(config.seed), Laboratory(config)
     alice, bob = laboratory.host("alice"), laboratory.host("bob")
     await laboratory.connect("q1", {1: 2})
     seen = list[int]()
+    await alice.emit(pulses, 2, KEY, (0.5, 0.3, 0.2))
+    await alice.send({(2, 0): "alice-q0"}, rate_hz)
+    await bob.receive((2, 0), "bob-q0")
+    for values in await bob.clicks((2, 0), KEY):
+        seen += values.tolist()
     for number in range(2):
         states = random.integers(0, 6, pulses, dtype=np.uint8)
         bases = random.integers(0, 3, pulses, dtype=np.uint8)
@@ -100,3 +114,75 @@ def test_what_clicks_is_the_same_if_every_photon_is_simulated(
     assert set(sparse) > {NO_CLICK}
     monkeypatch.setattr(WeakPulses, "photons", every_photon)
     assert uvloop.run(exchanged(config, rate_hz)) == sparse
+
+
+def test_a_billion_pulses_have_the_gains_and_errors_of_their_intensities() -> None:
+    """Of m photons a share t is seen: 1 - (1 - d)^2 e^(-m t); the seed is 1.
+
+    The error rate is that of dark counts, and of both detectors at a time, half of which are wrong.
+    """
+    means, shares, count, dark = (0.5, 0.1, 0.0), (0.5, 0.35, 0.15), 1_000_000_000, 1e-6
+    source = PairSource("poisson", mean_pairs=means[0], decoys=means[1:])
+    detectors = Detectors(efficiency=0.2, dark_count_hz=-math.log1p(-dark) * 1e9)
+    devices = {"alice": Device(source), "bob": Device(detectors=detectors)}
+    ends = FiberEnd("alice", "alice-q0"), FiberEnd("bob", "bob-q0")
+    fiber, tokens = Fiber(*ends, connectors_db=30.0), dict.fromkeys(devices, "")
+    config = DispatcherConfig("", "", 1, tokens, [fiber], [], devices=devices)
+
+    async def act() -> tuple[NDArray[np.int64], Bytes]:
+        laboratory = Laboratory(config)
+        alice, bob = laboratory.host("alice"), laboratory.host("bob")
+        await alice.emit(count, 0, KEY, shares)
+        await alice.send({(0, 0): "alice-q0"})
+        await bob.receive((0, 0), "bob-q0")
+        return await bob.clicks((0, 0), KEY[::-1])
+
+    at, bits = uvloop.run(act())
+    sent, bases = KeyedChoices(KEY, count, shares), KeyedChoices(KEY[::-1], count).bases(at)
+    levels = sent.levels(at)
+    assert levels is not None
+    same = bases == sent.bases(at)
+    wrong = same & (bits != sent.states(at) & 1)
+    for level, (mean, share) in enumerate(zip(means, shares, strict=True)):
+        none, light = (1 - dark) ** 2, math.exp(-mean * 0.2e-3)
+        own = levels == level
+        assert within(int(own.sum()), round(count * share), 1 - none * light)
+        other = (dark * light + dark * (1 - light)) - dark**2 * light / 2 - dark * (1 - light) / 2
+        assert within(int((own & wrong).sum()), int((own & same).sum()), other / (1 - none * light))
+
+
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        ({"key": PulseKey(key=b"short")}, "a key of 5 bytes; send 16"),
+        ({"key": PulseKey(key=KEY, shares=[0.5, 0.5])}, "send one each"),
+        ({"key": PulseKey(key=KEY, shares=[0.5, 0.5, 0.5])}, "send one each"),
+        ({"key": PulseKey(key=KEY, shares=[math.nan, 0.5, 0.5])}, "send one each"),
+        ({"key": PulseKey(key=KEY), "states": b"0"}, "a key and states"),
+        ({"key": PulseKey(key=KEY), "levels": b"0"}, "a key and levels"),
+        ({"key": PulseKey(key=KEY), "count": 0}, "count is 0"),
+        ({"key": PulseKey(key=KEY), "state": CreateRequest.ZEROS}, "send PREPARED"),
+    ],
+)
+def test_keys_that_choose_nothing_are_refused(fields: dict[str, Any], text: str) -> None:
+    laser = Device(PairSource("poisson", 0.5, decoys=(0.1, 0.0)))
+    config = DispatcherConfig("", "", 1, {"alice": ""}, [], [], devices={"alice": laser})
+    wanted = {"session": 1, "count": 10, "state": CreateRequest.PREPARED} | fields
+    with pytest.raises(Refusal, match=text):
+        uvloop.run(Laboratory(config).act("alice", "create", CreateRequest(**wanted)))
+
+
+def test_photons_of_too_many_pulses_are_not_drawn_all() -> None:
+    laser = Device(PairSource("poisson", 0.5))
+    config = DispatcherConfig("", "", 1, {"alice": ""}, [], [], devices={"alice": laser})
+
+    async def act() -> None:
+        alice = Laboratory(config).host("alice")
+        await alice.emit(1_000_000_000, 0, KEY)
+        with pytest.raises(Refusal, match="make smaller blocks"):
+            await alice.apply((0, 0))
+        with pytest.raises(Refusal, match="make smaller blocks"):
+            await alice.clicks((0, 0), KEY)
+        await alice.discard((0, 0))
+
+    uvloop.run(act())
