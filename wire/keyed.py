@@ -43,7 +43,7 @@ def identities(at: NDArray[np.int64], fates: NDArray[np.float64]) -> Words:
 
 @dataclass(frozen=True)
 class KeyedChoices:
-    """What a host chooses at random for each pulse: its state, and its level of intensity."""
+    """The state of each pulse, and its level of intensity, as a host chooses them at random."""
 
     key: bytes
     count: int  # pulses

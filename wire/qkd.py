@@ -17,13 +17,18 @@ from enum import IntEnum
 from types import MappingProxyType
 from typing import Any, ClassVar, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
+from wire import gaps
 from wire.malformed import MalformedPacket
 
 MAGIC = 0x514B  # "QK"
 VERSION = 1
 HEADER = struct.Struct("!HBBIQI")
 TAG_BYTES = 16
-MAX_PHOTONS = 1_000_000  # in one block
+MAX_PHOTONS = 1_000_000  # in one block, detected ones or all
+MAX_PULSES = (1 << 32) - 1  # in one block; of these MAX_PHOTONS are detected at most
 MAX_KEY_BITS = 1 << 20  # sifted bits in one session
 MAX_LENGTH = 1 << 21
 MAX_MEAN = 10  # photons in a pulse
@@ -155,14 +160,27 @@ class Detections(QkdMessage):
     """Which photons of a block were detected, and in which bases those were measured."""
 
     KIND = 2
-    FIELDS = struct.Struct("!II")
-    RANGES = MappingProxyType({"photons": (1, MAX_PHOTONS)})
-    PACKED = (Packed("clicked", "photons"), Packed("bases", "clicked"))
+    FIELDS = struct.Struct("!IIII")
+    RANGES = MappingProxyType({"photons": (1, MAX_PULSES), "clicks": (0, MAX_PHOTONS)})
+    PACKED = (Packed("gaps", "size", 8), Packed("bases", "clicks"))
 
     block: int
     photons: int
-    clicked: bytes  # a bit for each photon
-    bases: bytes  # a bit for each photon detected
+    clicks: int
+    size: int  # bytes of gaps
+    gaps: bytes  # which photons were detected (wire/gaps.py)
+    bases: bytes  # a bit for each of them
+
+    @property
+    def clicked(self) -> NDArray[np.int64]:
+        """Which photons were detected; raise MalformedPacket if the gaps tell others than these."""
+        try:
+            clicked = gaps.decode(self.gaps, self.photons)
+        except ValueError as error:
+            raise MalformedPacket(f"Detections: {error}") from error
+        if clicked.size != self.clicks:
+            raise MalformedPacket(f"Detections: gaps of {clicked.size} photons, not {self.clicks}")
+        return clicked
 
 
 @dataclass(frozen=True)

@@ -320,7 +320,7 @@ class Outcomes(NamedTuple):
     bits: Bytes
 
     def of_all(self, count: int) -> Bytes:
-        """Return a place for each of so many pulses, NO_CLICK where there is none."""
+        """Return the outcomes of all pulses, NO_CLICK where there is none."""
         outcomes = np.full(count, NO_CLICK, np.uint8)
         outcomes[self.slots] = self.bits
         return outcomes

@@ -18,6 +18,7 @@ from hosts.hardware import steps
 from hosts.hardware.operations import OUTCOMES, BlockName, Operation
 from hosts.hardware.pair_light import PairLight
 from hosts.hardware.replies import (
+    Clicks,
     Coincidences,
     HardwareError,
     Outcomes,
@@ -25,6 +26,7 @@ from hosts.hardware.replies import (
     Stored,
     Symbols,
     bits_of,
+    clicks_of,
     coincidences_of,
     stored_of,
     symbols_of,
@@ -39,6 +41,7 @@ from wire.dispatcher_pb2 import (
     Step,
     TellRequest,
 )
+from wire.keyed import KeyedChoices
 
 log = logging.getLogger("qnic")
 
@@ -67,6 +70,12 @@ class Qnic(PairLight):
         """
         name = BlockName(session, number, 0)
         await self.perform(steps.prepare(name, states, levels))
+        return name
+
+    async def prepare_by_key(self, session: int, number: int, choices: KeyedChoices) -> BlockName:
+        """Make a photon (half 0) in each of the states that a key chooses, at this host."""
+        name = BlockName(session, number, 0)
+        await self.perform(steps.prepare_by_key(name, choices))
         return name
 
     async def prepare_along(self, session: int, number: int, directions: Directions) -> BlockName:
@@ -212,6 +221,15 @@ class Qnic(PairLight):
             steps.receive(block, port, timeout_s), steps.measure(block, bases)
         )
         return bits_of(measured)
+
+    async def click_arrivals(
+        self, block: BlockName, port: str, key: bytes, timeout_s: float
+    ) -> Clicks:
+        """Measure the photons that arrive at a port in bases of a key; NoLight if none does."""
+        _received, measured = await self.perform(
+            steps.receive(block, port, timeout_s), steps.measure_by_key(block, key)
+        )
+        return clicks_of(measured)
 
     async def bell_measure(self, first: BlockName, second: BlockName) -> Symbols:
         """Make Bell measurements on pairs of photons at this host; shape (k,).

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from wire import dibits
+from wire import dibits, gaps
 from wire.dispatcher_pb2 import Feedback
 from wire.outcomes import NO_COINCIDENCE
 
@@ -46,6 +46,15 @@ class Outcomes:
 
 
 @dataclass(frozen=True)
+class Clicks:
+    """The detectors' report of a block of which few photons may have been detected."""
+
+    photons: int
+    at: NDArray[np.int64]  # which were, shape (m,), ascending
+    bits: Symbols  # shape (m,)
+
+
+@dataclass(frozen=True)
 class Stored:
     arrived: NDArray[np.bool_]  # shape (k,): whether each photon is in it
     since_ns: int  # the mean time from which they wait there
@@ -76,6 +85,15 @@ def symbols_of(feedback: Feedback) -> Symbols:
 def bits_of(feedback: Feedback) -> Symbols:
     """Return packed outcomes of a measurement: 0 or 1, 255 where no detector clicked."""
     return _with_missed(_unpacked(feedback.bits, feedback.photons), feedback)
+
+
+def clicks_of(feedback: Feedback) -> Clicks:
+    """Return what a measurement in bases of a key has found."""
+    try:
+        at = gaps.decode(feedback.gaps, feedback.photons)
+    except ValueError as error:
+        raise HardwareError(f"the dispatcher tells {error}") from error
+    return Clicks(feedback.photons, at, _unpacked(feedback.bits, at.size))
 
 
 def coincidences_of(feedbacks: Sequence[Feedback]) -> Coincidences:

@@ -20,12 +20,14 @@ from wire.dispatcher_pb2 import (
     Launch,
     MeasureRequest,
     Pick,
+    PulseKey,
     ReceiveRequest,
     ResendRequest,
     SendRequest,
     Step,
     StoreRequest,
 )
+from wire.keyed import KeyedChoices
 from wire.optical import frequency_mhz
 from wire.outcomes import Pauli
 
@@ -52,6 +54,18 @@ def prepare(name: BlockName, states: Symbols, levels: Symbols | None) -> Step:
         create.state_dibits = dibits.pack(states, "little")
     create.levels = b"" if levels is None else levels.tobytes()
     return Step(create=create)
+
+
+def prepare_by_key(name: BlockName, choices: KeyedChoices) -> Step:
+    create = CreateRequest(session=name.session, number=name.number, count=choices.count)
+    create.state = CreateRequest.PREPARED
+    create.key.CopyFrom(PulseKey(key=choices.key, shares=choices.shares))
+    return Step(create=create)
+
+
+def measure_by_key(block: BlockName, key: bytes) -> Step:
+    """Return the step that measures in bases that a key chooses; its feedback has gaps."""
+    return Step(measure=MeasureRequest(block=block_id(block), key=key))
 
 
 def emission(

@@ -22,7 +22,9 @@ from hosts.middleware.qkd.decoy import Decoys
 from hosts.middleware.qkd.end import End, SessionFailed, State, Terms, out_of_place
 from hosts.middleware.qkd.parities import ReferenceKey, to_query
 from hosts.middleware.qkd.public_randomness import SEED_BYTES
-from hosts.middleware.qkd.sifting import Record, choose, places
+from hosts.middleware.qkd.sifting import Known, choose
+from wire.malformed import MalformedPacket
+from wire.outcomes import NO_CLICK
 from wire.qkd import (
     AbortReason,
     Amplify,
@@ -54,7 +56,7 @@ class Alice(End):
     def __init__(self, terms: Terms, decoys: Decoys | None = None) -> None:
         super().__init__(terms)
         self._decoys = decoys
-        self._records: deque[Record] = deque()
+        self._records: deque[Known] = deque()
         self._early: deque[Detections] = deque()
         self._tests: deque[BellTest] = deque()  # likewise
         self._enough = False
@@ -63,10 +65,10 @@ class Alice(End):
         """Open the session; first call, once."""
         return self._attempt(lambda: [self._parameters.proposal()])
 
-    def add_block(self, record: Record) -> list[bytes]:
+    def add_block(self, record: Known) -> list[bytes]:
         if self.state is State.ABORTED:
             return []
-        if (record.levels is None) is not (self._decoys is None):
+        if record.has_levels is (self._decoys is None):
             raise ValueError("levels are for decoys, and decoys need them: give both or none")
         if self.state is not State.SIFTING or self._enough:
             raise ValueError("a block after distil(): open a new session for it")
@@ -131,31 +133,38 @@ class Alice(End):
             answers += self._disclose()
         return answers
 
-    def _compare_tests(self, record: Record, message: BellTest) -> BellAnswer:
+    def _compare_tests(self, record: Known, message: BellTest) -> BellAnswer:
         if message.photons != record.photons:
             raise SessionFailed(
                 AbortReason.PROTOCOL, f"a test of {message.photons} photons, not {record.photons}"
             )
-        tested = unpack(message.tested, record.photons).astype(bool)
-        count = int(tested.sum())
+        tested = np.flatnonzero(unpack(message.tested, record.photons))
+        count, own = tested.size, record.of(tested)
         settings, theirs = unpack(message.settings, count), unpack(message.bits, count)
-        clicked = record.clicked[tested]
-        bases, mine = record.bases[tested][clicked], record.outcomes[tested][clicked]
+        clicked = own.outcomes != NO_CLICK
+        bases, mine = own.bases[clicked], own.outcomes[clicked]
         self.bell.add(bases, settings[clicked], mine ^ theirs[clicked])
         return BellAnswer(message.block, count, pack(clicked), pack(bases), pack(mine))
 
-    def _sift_block(self, record: Record, detections: Detections) -> Sifted:
+    def _sift_block(self, record: Known, detections: Detections) -> Sifted:
         if detections.photons != record.photons:
             raise SessionFailed(
                 AbortReason.PROTOCOL,
                 f"block {detections.block} of {record.photons} photons, {detections.photons} there",
             )
-        clicked = np.flatnonzero(unpack(detections.clicked, record.photons).view(np.bool_))
-        kept = choose(record, clicked, unpack(detections.bases, clicked.size))
-        self._keep(record, places(clicked, kept), clicked.size)
-        if record.levels is not None:
-            self._levels = np.append(self._levels, record.levels[places(clicked, kept)])
-        return Sifted(detections.block, clicked.size, pack(kept))
+        try:
+            clicked, clicks = detections.clicked, detections.clicks
+        except MalformedPacket as error:
+            raise SessionFailed(AbortReason.MALFORMED, str(error)) from error
+        own = record.of(clicked)
+        kept = choose(own, unpack(detections.bases, clicks))
+        sifted = own.of(kept)
+        self._keep(sifted, record.photons, clicks)
+        if sifted.levels is not None:
+            self._levels = np.append(self._levels, sifted.levels)
+        mask = np.zeros(clicks, bool)
+        mask[kept] = True
+        return Sifted(detections.block, clicks, pack(mask))
 
     def _disclose(self) -> list[QkdMessage]:
         self._judge_bell()

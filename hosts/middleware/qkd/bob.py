@@ -22,8 +22,10 @@ from hosts.middleware.qkd.decoy import Decoys
 from hosts.middleware.qkd.end import End, SessionFailed, State, Terms, out_of_place
 from hosts.middleware.qkd.ldpc_decoding import LdpcDecoding
 from hosts.middleware.qkd.parities import Intervals, Query, to_message
-from hosts.middleware.qkd.sifting import Record, places
+from hosts.middleware.qkd.sifting import Announced
+from wire import gaps
 from wire.qkd import (
+    MAX_PHOTONS,
     AbortReason,
     Amplify,
     BellAnswer,
@@ -49,19 +51,19 @@ class Bob(End):
         """Begin; decoys: of pulses that he sends to a relay himself."""
         super().__init__(terms)
         self._bobs_decoys = decoys
-        self._records: deque[Record] = deque()
+        self._records: deque[Announced] = deque()
         self._blocks = 0  # announced
         self._answered = -1  # block, of whose tests alice has reported
         self._asked_halves = False
         self.state = State.OPENING
 
-    def add_block(self, record: Record) -> list[bytes]:
+    def add_block(self, record: Announced) -> list[bytes]:
         """Announce what was detected of the next block."""
         if self.state is State.ABORTED:
             return []
         if self.state not in (State.OPENING, State.SIFTING):
             raise ValueError("a block after the end of sifting: open a new session for it")
-        if (record.levels is None) is not (self._bobs_decoys is None):
+        if record.has_levels is (self._bobs_decoys is None):
             raise ValueError("levels are for decoys, and decoys need them: give both or none")
         if (record.tests is None) is not (not self._parameters.chsh_fraction):
             raise ValueError("tests are for CHSH, and CHSH needs them: give both or none")
@@ -98,7 +100,7 @@ class Bob(End):
         self.state = State.SIFTING
         return []
 
-    def _tests(self, record: Record) -> list[QkdMessage]:
+    def _tests(self, record: Announced) -> list[QkdMessage]:
         tests = record.tests
         if tests is None:
             return []
@@ -119,12 +121,19 @@ class Bob(End):
         self.bell.add(bases, tests.settings[clicked], theirs ^ tests.bits[clicked])
         return []
 
-    def _announce(self, record: Record) -> Detections:
+    def _announce(self, record: Announced) -> Detections:
         self._records.append(record)
         self._blocks += 1
         clicked = record.clicked
-        bases = record.bases[clicked]
-        return Detections(self._blocks - 1, record.photons, pack(clicked), pack(bases))
+        if clicked.size > MAX_PHOTONS:
+            raise SessionFailed(
+                AbortReason.PROTOCOL,
+                f"{clicked.size} photons detected in a block, at most {MAX_PHOTONS}: send smaller "
+                "blocks (block_pairs)",
+            )
+        positions, bases = gaps.encode(clicked), pack(record.of(clicked).bases)
+        block = self._blocks - 1
+        return Detections(block, record.photons, clicked.size, len(positions), positions, bases)
 
     def _sift(self, message: Sifted) -> list[QkdMessage]:
         due = self._blocks - len(self._records)
@@ -133,14 +142,14 @@ class Bob(End):
         record = self._records.popleft()
         if record.tests is not None and self._answered != due:
             raise SessionFailed(AbortReason.PROTOCOL, f"block {due} without an answer of its tests")
-        clicked = np.flatnonzero(record.clicked)
+        clicked = record.clicked
         if message.clicks != clicked.size:
             text = f"{message.clicks} clicks, not {clicked.size}"
             raise SessionFailed(AbortReason.PROTOCOL, text)
-        kept = places(clicked, unpack(message.kept, clicked.size).view(np.bool_))
-        self._keep(record, kept, clicked.size)
-        if record.levels is not None:
-            self._bobs_levels = np.append(self._bobs_levels, record.levels[kept])
+        sifted = record.of(clicked[np.flatnonzero(unpack(message.kept, clicked.size))])
+        self._keep(sifted, record.photons, clicked.size)
+        if sifted.levels is not None:
+            self._bobs_levels = np.append(self._bobs_levels, sifted.levels)
         return []
 
     def _learn_levels(self, message: Intensities) -> list[QkdMessage]:

@@ -22,7 +22,7 @@ from hosts.middleware.qkd.authentication import (
     KeyPoolExhausted,
 )
 from hosts.middleware.qkd.bell_test import Correlations
-from hosts.middleware.qkd.bits import NO_BITS, Bits, Indices, Mask
+from hosts.middleware.qkd.bits import NO_BITS, Bits, Mask
 from hosts.middleware.qkd.decoy import Bounds, Decoys, Sifted, bounds
 from hosts.middleware.qkd.disclosure import Rule
 from hosts.middleware.qkd.estimation import Estimate, compare
@@ -232,11 +232,12 @@ class End(ABC):
             sealed += self._abort(AbortReason.PROTOCOL, str(error))
         return sealed
 
-    def _keep(self, record: Record, kept: Indices, clicks: int) -> None:
-        self._parts.append(record.outcomes[kept])
-        self._bases.append(record.bases[kept])
+    def _keep(self, sifted: Record, photons: int, clicks: int) -> None:
+        """Keep the sifted photons of a block."""
+        self._parts.append(sifted.outcomes)
+        self._bases.append(sifted.bases)
         self._clicks += clicks
-        self._pulses += record.photons
+        self._pulses += photons
         if self.sifted_bits > MAX_KEY_BITS:
             raise SessionFailed(
                 AbortReason.PROTOCOL,

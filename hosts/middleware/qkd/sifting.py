@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hosts.middleware.qkd.bell_test import BellOutcomes
-from hosts.middleware.qkd.bits import Bits, Indices, Mask
+from hosts.middleware.qkd.bits import Bits, Indices
+from wire.keyed import KeyedChoices
 from wire.outcomes import NO_CLICK
 
 
@@ -44,19 +45,64 @@ class Record:
         return self.bases.size
 
     @property
-    def clicked(self) -> Mask:
+    def has_levels(self) -> bool:
+        return self.levels is not None
+
+    @property
+    def clicked(self) -> Indices:
         """Which photons were detected (or prepared)."""
-        return np.not_equal(self.outcomes, NO_CLICK)
+        return np.flatnonzero(self.outcomes != NO_CLICK)
+
+    def of(self, photons: Indices) -> "Record":
+        """Return what is known of these photons."""
+        levels = None if self.levels is None else self.levels[photons]
+        return Record(self.bases[photons], self.outcomes[photons], levels)
 
 
-def choose(mine: Record, clicked: Indices, bases: Bits) -> Mask:
-    """Return which photons to keep, given which the other end detected, and in which bases.
+@dataclass(frozen=True)
+class Prepared:
+    """The same of light that was prepared as a key has chosen."""
 
-    `bases` has one element for each click. The answer has one for each click as well.
-    """
-    kept: Mask = np.logical_and(mine.bases[clicked] == bases, mine.clicked[clicked])
-    return kept
+    choices: KeyedChoices
+    tests: None = None
+
+    @property
+    def photons(self) -> int:
+        return self.choices.count
+
+    @property
+    def has_levels(self) -> bool:
+        return bool(self.choices.shares)
+
+    def of(self, photons: Indices) -> Record:
+        states, bit = self.choices.states(photons), np.uint8(1)
+        return Record(states >> bit, states & bit, self.choices.levels(photons))
 
 
-def places(clicked: Indices, kept: Mask) -> Indices:
-    return clicked[np.flatnonzero(kept)]
+@dataclass(frozen=True)
+class Clicks:
+    """The same of photons that were measured, of which these were detected."""
+
+    photons: int
+    clicked: Indices
+    detected: Record  # one place for each of these
+    tests: None = None
+    has_levels: bool = False
+
+    def of(self, photons: Indices) -> Record:
+        """Return what is known of photons; one that was not detected has the basis 0."""
+        seen = np.isin(photons, self.clicked)
+        rows = self.clicked.searchsorted(photons[seen])
+        bases, outcomes = np.zeros((2, photons.size), np.uint8)
+        bases[seen], outcomes[~seen] = self.detected.bases[rows], NO_CLICK
+        outcomes[seen] = self.detected.outcomes[rows]
+        return Record(bases, outcomes)
+
+
+Announced = Record | Clicks  # of an end that has measured
+Known = Announced | Prepared
+
+
+def choose(mine: Record, bases: Bits) -> Indices:
+    """Return which photons to keep, of those that the other end has detected, in these bases."""
+    return np.flatnonzero((mine.bases == bases) & (mine.outcomes != NO_CLICK))

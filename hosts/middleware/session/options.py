@@ -13,6 +13,7 @@ from wire.parameters.option import check_options, option, recorded_as
 
 MAX_FRAME_BYTES = 1 << 16
 MAX_BLOCK_PAIRS = 1 << 18
+MAX_BLOCK_PULSES = 4_000_000_000  # of a laser, of which few are detected
 MIN_BLOCK_PAIRS = 4
 MAX_RATE_HZ = 4_000_000_000
 

@@ -23,7 +23,7 @@ from hosts.middleware.session.ends import (
 from hosts.middleware.session.errors import SessionError, SilentPeer, unexpected
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.offers import at_wavelength, check_light
-from hosts.middleware.session.options import MAX_BLOCK_PAIRS, SessionOptions
+from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_BLOCK_PULSES, SessionOptions
 from hosts.middleware.session.values import Lifetimes
 from hosts.timeouts import IDLE_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.features import NOTHING, NodeFeatures
@@ -240,8 +240,9 @@ def check_asked(setup: Setup, handshakes: Sequence[Handshake]) -> None:
         text += f"{Handshake(setup.handshake).name}: choose "
         text += " or ".join(handshake.name for handshake in handshakes)
         raise SessionError(Reason.UNSUPPORTED, text)
-    if setup.pairs > MAX_BLOCK_PAIRS:
-        text = f"blocks of {setup.pairs} pairs: choose 1 to {MAX_BLOCK_PAIRS} (block_pairs)"
+    most = MAX_BLOCK_PULSES if setup.service == Service.BB84 else MAX_BLOCK_PAIRS
+    if setup.pairs > most:
+        text = f"blocks of {setup.pairs} pairs: choose 1 to {most} (block_pairs)"
         raise SessionError(Reason.UNSUPPORTED, text)
     if setup.fidelity_ppm > CERTAIN_PPM:
         text = f"a fidelity of {setup.fidelity_ppm} millionths: choose 0 to {CERTAIN_PPM}"

@@ -21,11 +21,12 @@ from hosts import network_loop
 from hosts.hardware.replies import Received
 from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.bob import Bob
-from hosts.middleware.qkd.sifting import Record
+from hosts.middleware.qkd.sifting import Known
 from hosts.middleware.services.interception.passing import rate_of
 from hosts.middleware.session.options import MAX_RATE_HZ
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
+from wire.outcomes import NO_CLICK
 
 BY_EVE = {"bb84": [(1, 6), (7, 2)], "bbm92": [(4, 1), (5, 6), (7, 2)]}
 COUNT = 100_000
@@ -88,19 +89,20 @@ def test_either_basis_has_a_quarter_of_the_fraction_in_errors(
     for basis in (0, 1):  # Z, X
         wrong = told = 0
         for mine, yours in zip(hers, his, strict=True):
-            same = (mine.bases == basis) & (yours.bases == basis) & mine.clicked & yours.clicked
+            own, other = mine.of(yours.clicked), yours.of(yours.clicked)
+            same = (own.bases == basis) & (other.bases == basis) & (own.outcomes != NO_CLICK)
             told += int(np.count_nonzero(same))
-            wrong += int(np.count_nonzero(mine.outcomes[same] != yours.outcomes[same]))
+            wrong += int(np.count_nonzero(own.outcomes[same] != other.outcomes[same]))
         assert told > 5_000
         assert abs(wrong - told * 0.2 / 4) <= 5 * sqrt(told * 0.05 * 0.95), basis
 
 
-def blocks_of(end: type[Alice] | type[Bob], monkeypatch: pytest.MonkeyPatch) -> list[Record]:
+def blocks_of(end: type[Alice] | type[Bob], monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Return the list of what an end will know of its blocks of light."""
-    known: list[Record] = []
+    known: list[Known] = []
     add_block = end.add_block
 
-    def noted(self: Any, record: Record) -> list[bytes]:
+    def noted(self: Any, record: Known) -> list[bytes]:
         known.append(record)
         return add_block(self, record)
 

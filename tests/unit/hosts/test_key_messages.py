@@ -2,9 +2,11 @@
 
 import random
 
+import numpy as np
 import pytest
 
 from hosts.middleware.services.key_distribution.under_way import Cutter, in_envelopes
+from wire import gaps
 from wire.malformed import MalformedPacket
 from wire.metadata.decoding import decode
 from wire.metadata.header import MAX_LENGTH
@@ -32,7 +34,8 @@ def whole(sequence: int, message: QkdMessage) -> bytes:
 def detections(photons: int) -> QkdMessage:
     """Return a message of two bits for each photon, all of which were seen."""
     bits = random.Random(1).randbytes(photons // 8)
-    return Detections(1, photons, b"\xff" * (photons // 8), bits)
+    seen = gaps.encode(np.arange(photons))
+    return Detections(1, photons, photons, len(seen), seen, bits)
 
 
 MESSAGES = [
@@ -40,7 +43,7 @@ MESSAGES = [
     for number, message in enumerate(
         [
             Confirm(786),  # a body of four bytes
-            Detections(1, 10, b"\xc0\x40", b"\xa0"),
+            Detections(1, 10, 3, 7, gaps.encode(np.array([0, 1, 9])), b"\xa0"),
             Abort(AbortReason.NOISY, ""),  # nearly none
             AskSyndrome(500),
         ]

@@ -17,7 +17,7 @@ from stacks_scene import live_qubits, network, requested
 from hosts import network_loop
 from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.bob import Bob
-from hosts.middleware.qkd.sifting import Record
+from hosts.middleware.qkd.sifting import Announced, Known, Record
 from hosts.middleware.services.interception.attacks import Way
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
@@ -93,9 +93,15 @@ def attacked(
     return network_loop.run(run())
 
 
-def known(monkeypatch: pytest.MonkeyPatch) -> tuple[list[Record], list[Record]]:
+def errors(mine: Record, yours: Record) -> int:
+    """Return how many bits in the same basis differ."""
+    same = mine.bases == yours.bases
+    return int(np.count_nonzero(mine.outcomes[same] != yours.outcomes[same]))
+
+
+def known(monkeypatch: pytest.MonkeyPatch) -> tuple[list[Known], list[Announced]]:
     """Return the lists of what alice and bob will know of their blocks of light."""
-    hers, his = list[Record](), list[Record]()
+    hers, his = list[Known](), list[Announced]()
     for end, records in ((Alice, hers), (Bob, his)):
 
         def noted(self: Any, record: Record, add: Any = end.add_block, to: Any = records) -> Any:
@@ -113,10 +119,10 @@ def test_nothing_shows_while_the_rate_of_errors_and_of_pulses_seen_is_all_that_i
     ends, eve = attacked(tmp_path, LASER, 6.0, count=20_000, bound="asymptotic")
     gain = 1 - exp(-0.5 * 10**-0.6)
     pulses = sum(record.photons for record in his)
-    seen = sum(int(record.clicked.sum()) for record in his)
+    seen = sum(record.clicked.size for record in his)
     assert abs(seen - gain * pulses) < 5 * sqrt(gain * pulses)
     wrong = sum(
-        int(((mine.outcomes != yours.outcomes) & yours.clicked)[mine.bases == yours.bases].sum())
+        errors(mine.of(yours.clicked), yours.of(yours.clicked))
         for mine, yours in zip(hers, his, strict=True)
     )
     assert wrong == 0

@@ -8,12 +8,14 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from dissection import found, segment, shown, tshark
 from dissector_scene import SEED, SETUP, mutated, plain
 from test_qkd import GOLDEN, SEQUENCE, SESSION, TAG, WRONG, whole
 
 from views.dissection.layout import Layout, key_layouts
+from wire import gaps
 from wire.malformed import MalformedPacket
 from wire.metadata.header import Message
 from wire.metadata.setup import Answer
@@ -32,7 +34,7 @@ from wire.qkd import (
 
 MESSAGES = [
     *(message for message, _golden in GOLDEN),
-    Detections(2, 800, b"\xff" * 100, b"\xa5" * 100),
+    Detections(2, 800, 800, 105, gaps.encode(np.arange(800)), b"\xa5" * 100),
     Abort(AbortReason.CANCELLED),
     Abort(AbortReason.NOISY, "ä" * (MAX_TEXT // 2)),
 ]

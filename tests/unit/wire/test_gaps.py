@@ -12,8 +12,8 @@ from wire import gaps
         ([], b""),
         # Without a shift: a mask.
         ([0, 1, 3], b"\x00\x00\x00\x00\x04" + bytes([0b11010000])),
-        # Gaps less 1 of 9 and 6, shifted by 2: 2 and 1 zeros, then 01 and 10.
-        ([9, 16], b"\x02\x00\x00\x00\x05" + bytes([0b00101000, 0b01100000])),
+        # Gaps less 1 of 9 and 5, shifted by 2: 2 and 1 zeros, then 01 and 01.
+        ([9, 15], b"\x02\x00\x00\x00\x05" + bytes([0b00101000, 0b01010000])),
     ],
 )
 def test_positions_take_these_bytes(positions: list[int], encoded: bytes) -> None:

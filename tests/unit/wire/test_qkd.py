@@ -3,8 +3,10 @@
 import random
 import struct
 
+import numpy as np
 import pytest
 
+from wire import gaps
 from wire.malformed import MalformedPacket
 from wire.qkd import (
     HEADER,
@@ -12,6 +14,7 @@ from wire.qkd import (
     MAX_KEY_BITS,
     MAX_LENGTH,
     MAX_PHOTONS,
+    MAX_PULSES,
     TAG_BYTES,
     Abort,
     AbortReason,
@@ -41,6 +44,7 @@ from wire.qkd import (
 SESSION, SEQUENCE = 0x0102030405060708, 9
 TAG = bytes(range(16))
 SEED = b"\x5a" * 32
+SEEN = b"\x00\x00\x00\x00\x0a\xc0\x40"  # 0, 1 and 9
 
 GOLDEN: list[tuple[QkdMessage, str]] = [
     (
@@ -52,8 +56,9 @@ GOLDEN: list[tuple[QkdMessage, str]] = [
         "3fa0000000000000 3fd0000000000000 3fe0000000000000",
     ),
     (
-        Detections(1, 10, b"\xc0\x40", b"\xa0"),
-        "514b01020000002f0102030405060708000000 09 00000001 0000000a c040 a0",
+        Detections(1, 10, 3, 7, b"\x00\x00\x00\x00\x0a\xc0\x40", b"\xa0"),
+        "514b01020000003c0102030405060708000000 09 00000001 0000000a 00000003 00000007"
+        "00 0000000a c040 a0",
     ),
     (Sifted(1, 3, b"\x60"), "514b01030000002d010203040506070800000009 00000001 00000003 60"),
     (
@@ -167,11 +172,10 @@ WRONG: list[QkdMessage] = [
     Intensities(0.5, 0.25, 0.0, 0.5, 0.25, 0.25, 1, b"\xc0"),  # level 3
     Intensities(0.5, 0.25, 0.0, 0.5, 0.25, 0.25, 1, b"\x08"),  # padding
     Intensities(0.5, 0.25, 0.0, 0.5, 0.25, 0.25, 0, b""),
-    Detections(0, 0, b"", b""),
-    Detections(0, MAX_PHOTONS + 1, b"", b""),
-    Detections(0, 10, b"\xc0\x01", b"\xa0"),  # padding
-    Detections(0, 10, b"\xc0\x40", b"\x10"),
-    Detections(0, 10, b"\xff\x40", b"\x00"),  # nine clicks need two bytes
+    Detections(0, 0, 0, 0, b"", b""),
+    Detections(0, MAX_PULSES, MAX_PHOTONS + 1, 0, b"", b""),
+    Detections(0, 10, 3, 7, SEEN, b"\x10"),
+    Detections(0, 10, 3, 8, SEEN, b"\xa0"),
     Sifted(0, 3, b"\x10"),
     Sifted(0, MAX_PHOTONS + 1, b""),
     Sample(100, 0, SEED, b""),
@@ -203,11 +207,26 @@ def test_the_text_of_an_abort_is_utf8_and_bounded() -> None:
     assert Abort.parse(Abort(AbortReason.NOISY, "ä" * 600).encode()) == Abort(5, "ä" * 500)
 
 
+@pytest.mark.parametrize(
+    "message",
+    [
+        Detections(0, 10, 3, 7, b"\x00\x00\x00\x00\x0a\xc0\x41", b"\xa0"),  # padding
+        Detections(0, 10, 2, 7, SEEN, b"\x80"),  # three have clicked
+        Detections(0, 9, 3, 7, SEEN, b"\xa0"),  # the tenth of nine
+    ],
+)
+def test_gaps_that_cannot_be_are_malformed(message: Detections) -> None:
+    with pytest.raises(MalformedPacket, match="Detections"):
+        _ = message.clicked
+    assert Detections(0, 10, 3, 7, SEEN, b"\xa0").clicked.tolist() == [0, 1, 9]
+
+
 def test_the_largest_messages_fit() -> None:
     rng = random.Random(2)
+    seen = gaps.encode(np.array(sorted(rng.sample(range(MAX_PULSES), MAX_PHOTONS))))
     blocks = MAX_KEY_BITS // 4  # cascade's shortest blocks
     largest: list[QkdMessage] = [
-        Detections(0, MAX_PHOTONS, b"\xff" * (MAX_PHOTONS // 8), rng.randbytes(MAX_PHOTONS // 8)),
+        Detections(0, MAX_PULSES, MAX_PHOTONS, len(seen), seen, rng.randbytes(MAX_PHOTONS // 8)),
         AskIntervals(0, blocks, bytes(4 * blocks), bytes(2 * blocks)),
         Amplify(MAX_KEY_BITS, 2 * MAX_KEY_BITS, rng.randbytes(MAX_KEY_BITS // 4)),
     ]

@@ -15,8 +15,10 @@ from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.bob import Bob
 from hosts.middleware.qkd.end import State
 from hosts.middleware.qkd.parameters import Parameters
-from hosts.middleware.qkd.sifting import Record
+from hosts.middleware.qkd.sifting import Announced, Clicks, Record
 from hosts.middleware.services.key_distribution.light import (
+    detected,
+    detecting,
     measured,
     measuring,
     random_bases,
@@ -44,11 +46,12 @@ from hosts.middleware.session.protocol import (
 )
 from hosts.middleware.session.values import expect
 from hosts.timeouts import KEYS_TIMEOUT_S
+from wire.keyed import KEY_BYTES, KeyedChoices
 from wire.metadata.blocks import Finish
 from wire.metadata.header import Message
 from wire.metadata.values import Envelope, Topic, Values
 from wire.metadata.vocabulary import Reason
-from wire.qkd import MAX_PHOTONS, Bound, Proposal, QkdMessage, Reconciliation, unframe
+from wire.qkd import MAX_PULSES, Bound, Proposal, QkdMessage, Reconciliation, unframe
 
 MAX_NAME_BYTES = 64
 MAX_COMING = 3  # blocks: one is measured, one is made, and one announced
@@ -87,7 +90,7 @@ def introduced(tests: bool) -> Steps[Introduced]:
 class BlockOfLight(Protocol):
     """This end's part in a block of light."""
 
-    def record(self) -> Steps[Record]:
+    def record(self) -> Steps[Announced]:
         """Return what this end knows of it when it is over."""
 
     def heard(self, message: Values) -> Steps[None]:
@@ -106,14 +109,30 @@ class Half:
     """A half of a block, which is measured as it arrives."""
 
     side: HostSide
+    bases: KeyedChoices
+    light: Light
+
+    def record(self) -> Steps[Clicks]:
+        """Return what was measured, without the known rotation of the paths."""
+        return detected(self.side, self.light, self.bases, self.side.setup.rotation)
+
+    def heard(self, message: Values) -> Steps[None]:
+        yield from ()
+        raise out_of_turn(message, self.side.peer)
+
+
+@dataclass
+class TestedHalf:
+    """A half of which some photons are for a CHSH test."""
+
+    side: HostSide
     bases: Symbols
     light: Light
-    tests: bool
 
     def record(self) -> Steps[Record]:
-        """Return what was measured, without the known rotation of the paths."""
+        """Return the same of it."""
         outcomes = yield from measured(self.side, self.light, self.bases.size)
-        return record_of(outcomes, self.bases, self.side.setup.rotation, self.tests)
+        return record_of(outcomes, self.bases, self.side.setup.rotation)
 
     def heard(self, message: Values) -> Steps[None]:
         yield from ()
@@ -124,9 +143,12 @@ def measuring_half(
     side: HostSide, number: int, photons: int, *, half: int, tested: float
 ) -> Steps[BlockOfLight]:
     """Begin to measure a half of a block; tested: how much of it is for a CHSH test."""
-    bases = with_tests(side.draws, random_bases(side, photons), tested)
-    light = yield from measuring(side, side.block(number, half), bases)
-    return Half(side, bases, light, bool(tested))
+    name = side.block(number, half)
+    if tested:
+        settings = with_tests(side.draws, random_bases(side, photons), tested)
+        return TestedHalf(side, settings, (yield from measuring(side, name, settings)))
+    bases = KeyedChoices(side.draws.bytes(KEY_BYTES), photons)
+    return Half(side, bases, (yield from detecting(side, name, bases.key)))
 
 
 def out_of_turn(message: Message, peer: str) -> SessionError:
@@ -206,7 +228,7 @@ class AcceptorOfKeys:
         if len(self._coming) == MAX_COMING:
             raise SessionError(Reason.PROTOCOL, f"block {message.block} before others are over")
         side, number = self._side, self._announced
-        most = min(side.setup.pairs, MAX_PHOTONS)
+        most = min(side.setup.pairs, MAX_PULSES)
         (photons,) = expect(message, Topic.COMING, number, 1, most).tolist()
         if photons == 0:
             raise SessionError(Reason.PROTOCOL, f"block {number} has no photons")

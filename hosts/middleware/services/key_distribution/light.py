@@ -8,8 +8,8 @@ from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
 from hosts.middleware.qkd.bell_test import BellOutcomes
-from hosts.middleware.qkd.decoy import LEVELS, SHARES
-from hosts.middleware.qkd.sifting import Record
+from hosts.middleware.qkd.decoy import SHARES
+from hosts.middleware.qkd.sifting import Clicks, Prepared, Record
 from hosts.middleware.session.protocol import (
     Collect,
     Emit,
@@ -23,6 +23,7 @@ from hosts.middleware.session.protocol import (
     require_size,
 )
 from hosts.timeouts import KEY_GRACE_S, LIGHT_TIMEOUT_S
+from wire.keyed import KEY_BYTES, KeyedChoices
 from wire.outcomes import NO_COINCIDENCE, PAULI_BASES
 from wire.qkd import MAX_KEY_BITS
 
@@ -55,13 +56,11 @@ def with_tests(random: np.random.Generator, bases: Symbols, fraction: float) -> 
     return np.where(random.random(bases.size) < fraction, settings, bases).astype(np.uint8)
 
 
-def record_of(outcomes: Symbols, bases: Symbols, rotation: int, tests: bool) -> Record:
+def record_of(outcomes: Symbols, bases: Symbols, rotation: int) -> Record:
     """Return what was measured, as without a known Pauli operator on the way; tests for CHSH apart.
 
     That turns Z+X into Z-X and back, but for the sign, if it is X or Z alone.
     """
-    if not tests:
-        return Record(bases, turned_back(outcomes, bases, rotation))
     halfway = bases >= PAULI_BASES
     tested = halfway & (outcomes != NO_COINCIDENCE)
     swapped, flipped = (rotation ^ rotation >> 1) & 1, rotation & 1
@@ -93,23 +92,37 @@ def next_photons(count: int, sifted: int, seen: int, on_the_way: int, most: int)
     return max(0, min(wanted, most, MAX_KEY_BITS - sifted - on_the_way))
 
 
+def detecting(side: Side, name: BlockName, key: bytes) -> Steps[Light]:
+    """Begin to measure what arrives, in bases that a key chooses."""
+    return begin(Qnic.click_arrivals, name, side.ports[0], key, LIGHT_TIMEOUT_S)
+
+
+def detected(side: Side, light: Light, bases: KeyedChoices, rotation: int = 0) -> Steps[Clicks]:
+    """Return what was found of light that is over, as without a known Pauli operator on the way."""
+    photons = bases.count
+    clicks = yield Collect(light, KEY_GRACE_S + photons / side.setup.rate_hz)
+    if clicks is None:
+        none = np.zeros(0, np.int64)
+        return Clicks(photons, none, Record(none.astype(np.uint8), none.astype(np.uint8)))
+    require_size(clicks.photons, photons)
+    chosen = bases.bases(clicks.at)
+    return Clicks(photons, clicks.at, Record(chosen, turned_back(clicks.bits, chosen, rotation)))
+
+
 def prepare_and_send(
     side: OpenerSide, number: int, photons: int, *, with_decoys: bool
-) -> Steps[Record]:
-    """Send a block of random states; return their bases and bits when it has left."""
-    setup, bases = side.setup, random_bases(side, photons)
-    bits = side.draws.integers(0, 2, photons, dtype=bases.dtype)
-    levels = None
-    if with_decoys:
-        levels = side.draws.choice(LEVELS, photons, p=SHARES).astype(np.uint8)
-    block = yield from do(Qnic.prepare, setup.session, number, 2 * bases + bits, levels)
+) -> Steps[Prepared]:
+    """Send a block of random states; return how they were chosen when it has left."""
+    setup, shares = side.setup, SHARES if with_decoys else ()
+    choices = KeyedChoices(side.draws.bytes(KEY_BYTES), photons, shares)
+    block = yield from do(Qnic.prepare_by_key, setup.session, number, choices)
     yield from do(Qnic.send, block, side.ports[0], setup.rate_hz, setup.wavelength_pm)
-    return Record(bases, bits, levels)
+    return Prepared(choices)
 
 
-def measure_halves(side: OpenerSide, number: int, pairs: int) -> Steps[Record]:
+def measure_halves(side: OpenerSide, number: int, pairs: int) -> Steps[Clicks]:
     """Have the source make a block of pairs; return what was measured of half 0."""
-    bases = random_bases(side, pairs)
-    light = yield from measuring(side, side.block(number), bases)
+    bases = KeyedChoices(side.draws.bytes(KEY_BYTES), pairs)
+    light = yield from detecting(side, side.block(number), bases.key)
     yield Emit(number, pairs)
-    return Record(bases, (yield from measured(side, light, pairs)))
+    return (yield from detected(side, light, bases))

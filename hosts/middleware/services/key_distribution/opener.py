@@ -8,7 +8,7 @@ from functools import partial
 
 from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.bob import Bob
-from hosts.middleware.qkd.sifting import Record
+from hosts.middleware.qkd.sifting import Known
 from hosts.middleware.services.key_distribution.light import next_photons
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.middleware.services.key_distribution.summary import Progress, so_far
@@ -37,7 +37,7 @@ from wire.metadata.vocabulary import Reason
 
 DARK_BLOCKS = 3  # in a row without a sifted bit: the light does not arrive
 
-Light = Callable[[OpenerSide, int, int], Steps[Record]]  # of a block: number, photons
+Light = Callable[[OpenerSide, int, int], Steps[Known]]  # of a block: number, photons
 
 
 class OpenerOfKeys:

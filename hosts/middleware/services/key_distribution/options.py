@@ -5,7 +5,7 @@ from typing import Any
 
 from hosts.middleware.qkd.parameters import Parameters
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.options import MAX_BLOCK_PAIRS, ServiceOptions
+from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_BLOCK_PULSES, ServiceOptions
 from hosts.timeouts import MAX_BLOCK_S
 from wire.metadata.vocabulary import Reason
 from wire.parameters.option import option
@@ -52,7 +52,10 @@ class KeyOptions(ServiceOptions):
         range=(1, MAX_SIFTED_PER_KEY),
     )
     block_pairs: int = option(
-        131_072, "pairs in a block (131072)", metavar="N", range=(1, MAX_BLOCK_PAIRS)
+        131_072,
+        f"pairs or pulses in a block (131072); {MAX_BLOCK_PAIRS} at most, but of bb84 with a laser",
+        metavar="N",
+        range=(1, MAX_BLOCK_PULSES),
     )
     correction: str = option("cascade", "of errors (cascade)", choices=tuple(CORRECTIONS))
     max_qber: float = option(0.1, "no key above this error rate (0.1)", metavar="Q")

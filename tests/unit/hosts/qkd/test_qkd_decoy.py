@@ -206,7 +206,7 @@ def test_two_ends_make_the_same_key_of_the_basis_x() -> None:
     assert ends.bob.key is not None
     assert np.array_equal(ends.alice.key, ends.bob.key)
     alices, bobs = blocks
-    kept = bobs.clicked & (alices.bases == bobs.bases)
+    kept = (bobs.outcomes != NO_CLICK) & (alices.bases == bobs.bases)
     assert alices.levels is not None
     test = alices.bases[kept] == 0
     wrong = (alices.outcomes[kept] != bobs.outcomes[kept])[test]

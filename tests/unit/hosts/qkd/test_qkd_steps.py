@@ -26,7 +26,8 @@ from hosts.middleware.qkd.key_length import (
     sampling_deviation,
 )
 from hosts.middleware.qkd.public_randomness import mixed, permutation, subset
-from hosts.middleware.qkd.sifting import Record, choose, places
+from hosts.middleware.qkd.sifting import Clicks, Prepared, Record, choose
+from wire.keyed import KeyedChoices
 from wire.outcomes import NO_CLICK
 
 
@@ -41,21 +42,44 @@ def test_bits_are_packed_first_bit_highest() -> None:
 def test_sifting_keeps_photons_that_both_saw_in_the_same_basis() -> None:
     alice = Record(*(np.array(row, dtype=np.uint8) for row in ([0, 1, 0, 1, 1], [0, 1, 1, 1, 255])))
     bob = Record(*(np.array(row, dtype=np.uint8) for row in ([0, 1, 1, 1, 1], [0, 0, 1, 255, 1])))
-    clicked = np.flatnonzero(bob.clicked)
-    kept = choose(alice, clicked, bob.bases[clicked])
-    assert kept.tolist() == [True, True, False, False]
-    assert alice.outcomes[places(clicked, kept)].tolist() == [0, 1]
-    assert bob.outcomes[places(clicked, kept)].tolist() == [0, 0]
+    kept = choose(alice.of(bob.clicked), bob.of(bob.clicked).bases)
+    assert kept.tolist() == [0, 1]
+    assert alice.of(bob.clicked[kept]).outcomes.tolist() == [0, 1]
+    assert bob.of(bob.clicked[kept]).outcomes.tolist() == [0, 0]
+
+
+def test_what_is_known_of_clicks_is_that_of_every_photon() -> None:
+    bases, outcomes = np.array([[0, 1, 1, 1, 1], [0, 0, 1, 255, 1]], np.uint8)
+    every = Record(bases, outcomes)
+    few = Clicks(5, every.clicked, every.of(every.clicked))
+    assert few.clicked.tolist() == [0, 1, 2, 4]
+    for photons in ([], [3], [0, 2, 3], [0, 1, 2, 3, 4]):
+        asked = few.of(np.array(photons, np.int64))
+        assert asked.outcomes.tolist() == outcomes[photons].tolist()
+        seen = asked.outcomes != NO_CLICK
+        assert asked.bases[seen].tolist() == bases[photons][seen].tolist()
+
+
+def test_states_of_a_key_are_any_alike_and_have_levels_by_their_shares() -> None:
+    choices = KeyedChoices(bytes(range(16)), 1 << 40, (0.5, 0.35, 0.15))
+    at = np.arange(1 << 39, (1 << 39) + 100_000)
+    prepared, states = Prepared(choices).of(at), choices.states(at)
+    assert np.array_equal(prepared.bases * 2 + prepared.outcomes, states)
+    assert prepared.levels is not None
+    for state in range(4):
+        for level, share in enumerate(choices.shares):
+            count = int(((states == state) & (prepared.levels == level)).sum())
+            expected = at.size * share / 4
+            assert abs(count - expected) < 5 * expected**0.5
 
 
 def test_half_of_the_photons_that_arrive_are_sifted() -> None:
     rng = np.random.default_rng(1)
     alice, bob = bb84(rng, 100_000, noise=0.0, loss=0.3)
-    clicked = np.flatnonzero(bob.clicked)
-    kept = choose(alice, clicked, bob.bases[clicked])
+    clicked = bob.clicked
+    sifted = clicked[choose(alice.of(clicked), bob.bases[clicked])]
     expected = 100_000 * 0.7 / 2
-    assert abs(kept.sum() - expected) < 5 * (100_000 * 0.35 * 0.65) ** 0.5
-    sifted = places(clicked, kept)
+    assert abs(sifted.size - expected) < 5 * (100_000 * 0.35 * 0.65) ** 0.5
     same = alice.outcomes[sifted] == bob.outcomes[sifted]
     assert same.all()
 
@@ -291,7 +315,7 @@ def test_a_permutation_is_the_same_on_every_machine() -> None:
 
 def test_a_photon_that_did_not_click_says_nothing() -> None:
     record = Record(np.zeros(2, dtype=np.uint8), np.array([NO_CLICK, 1], dtype=np.uint8))
-    assert record.clicked.tolist() == [False, True]
+    assert record.clicked.tolist() == [1]
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 5, 8, 1000, 1024, 1025, 40_000])
