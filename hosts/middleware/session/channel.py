@@ -24,6 +24,8 @@ from wire.verdict import Connection
 
 M = TypeVar("M", bound=Message)
 
+MOST_UNDER_WAY = 1 << 15  # bytes: a switch in user space loses the end of longer bursts
+
 
 class MetadataChannel:
     """Whole messages over a byte stream, all of one session; every wait has a deadline."""
@@ -40,7 +42,9 @@ class MetadataChannel:
         self._mailbox: Mailbox | None = None  # where several hear at a time
         self._reading: asyncio.Event | None = None  # by one of these, for all: set when it has
         # The answer to a short message carries its acknowledgement.
-        writer.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 0)
+        connection = writer.get_extra_info("socket")
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 0)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, MOST_UNDER_WAY)
 
     @classmethod
     async def connect(cls, host: str, address: str) -> "MetadataChannel":

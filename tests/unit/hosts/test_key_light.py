@@ -7,7 +7,7 @@ from hosts.middleware.services.key_distribution.light import next_photons, turne
 from hosts.middleware.services.key_distribution.under_way import PIECE_BYTES, Cutter, in_envelopes
 from wire.malformed import MalformedPacket
 from wire.outcomes import NO_COINCIDENCE, Pauli
-from wire.qkd import MAX_KEY_BITS, Disclosed, unsealed
+from wire.qkd import MAX_KEY_BITS, MAX_PHOTONS, MAX_PULSES, Disclosed, unsealed
 
 MOST = 131_072
 
@@ -30,8 +30,15 @@ def test_in_the_dark_blocks_grow() -> None:
 
 def test_what_is_on_the_way_never_overflows_the_sifted_key() -> None:
     sifted = MAX_KEY_BITS - 60_000
-    assert next_photons(1_000_000, sifted, 10 * sifted, 1000, MOST) == 59_000
-    assert next_photons(1_000_000, sifted, 10 * sifted, 60_000, MOST) == 0
+    assert next_photons(MAX_KEY_BITS, sifted, sifted, 1000, MOST) == 59_000
+    assert next_photons(MAX_KEY_BITS, sifted, sifted, 60_000, MOST) == 0
+
+
+def test_blocks_of_much_loss_are_as_large_as_twice_the_share_allows() -> None:
+    """Of 1,000 in a million so far, 2,000 at most: neither a key nor what is announced is longer."""
+    most, sifted = MAX_PULSES, MAX_KEY_BITS - 100_000
+    assert next_photons(1_000_000, 1000, 1_000_000, 0, most) == MAX_PHOTONS // 2 * 500
+    assert next_photons(MAX_KEY_BITS, sifted, 1000 * sifted, 0, most) == 100_000 * 500
 
 
 @pytest.mark.parametrize(

@@ -25,10 +25,11 @@ from hosts.middleware.session.protocol import (
 from hosts.timeouts import KEY_GRACE_S, LIGHT_TIMEOUT_S
 from wire.keyed import KEY_BYTES, KeyedChoices
 from wire.outcomes import NO_COINCIDENCE, PAULI_BASES
-from wire.qkd import MAX_KEY_BITS
+from wire.qkd import MAX_KEY_BITS, MAX_PHOTONS
 
 EVEN_CHANCE = 0.5  # that two random bases agree
 MARGIN, MARGIN_PHOTONS = 1.05, 64
+MOST_SHARE = 2  # times the share of photons sifted so far: of the next ones, at most
 
 
 def random_bases(side: HostSide, photons: int) -> Symbols:
@@ -89,7 +90,9 @@ def next_photons(count: int, sifted: int, seen: int, on_the_way: int, most: int)
     if missing <= 0:
         return 0
     wanted = ceil(MARGIN * missing / share) + MARGIN_PHOTONS
-    return max(0, min(wanted, most, MAX_KEY_BITS - sifted - on_the_way))
+    likely = min(1.0, MOST_SHARE * share) if seen else 1.0
+    room = int((MAX_KEY_BITS - sifted) / likely) - on_the_way
+    return max(0, min(wanted, most, room, int(MAX_PHOTONS * EVEN_CHANCE / likely)))
 
 
 def detecting(side: Side, name: BlockName, key: bytes) -> Steps[Light]:
