@@ -35,7 +35,7 @@ def test_what_is_on_the_way_never_overflows_the_sifted_key() -> None:
 
 
 def test_blocks_of_much_loss_are_as_large_as_twice_the_share_allows() -> None:
-    """Of 1,000 in a million so far, 2,000 at most: neither a key nor what is announced is longer."""
+    """Of 1,000 in a million so far, 2,000 at most: neither keys nor announcements grow longer."""
     most, sifted = MAX_PULSES, MAX_KEY_BITS - 100_000
     assert next_photons(1_000_000, 1000, 1_000_000, 0, most) == MAX_PHOTONS // 2 * 500
     assert next_photons(MAX_KEY_BITS, sifted, 1000 * sifted, 0, most) == 100_000 * 500
