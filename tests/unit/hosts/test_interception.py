@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from math import sqrt
 from pathlib import Path
@@ -100,7 +101,7 @@ def test_either_basis_has_a_quarter_of_the_fraction_in_errors(
 def blocks_of(end: type[Alice] | type[Bob], monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Return the list of what an end will know of its blocks of light."""
     known: list[Known] = []
-    add_block = end.add_block
+    add_block: Callable[..., list[bytes]] = end.add_block
 
     def noted(self: Any, record: Known) -> list[bytes]:
         known.append(record)
