@@ -69,7 +69,7 @@ from controller_apps.sessions.permission import Permission
 from controller_apps.sessions.snapshot import encode_hosts
 from controller_apps.sessions.state_folder import StateFolder, take_over
 from controller_apps.timeouts import DISCOVERY_S, SESSION_TICK_S
-from wire.analyser_frames import HERALDS
+from wire.analyser_frames import ETHER_TYPE, HERALDS
 from wire.config import ControllerConfig
 from wire.malformed import MalformedPacket
 from wire.metadata.setup import Setup
@@ -286,8 +286,8 @@ class QuantumMetadata(App):
         if at.dpid in self.switches.quantum and is_tcp(frame):
             if message.reason != ofproto.OFPR_PACKET_OUT:  # it came on copper
                 self._do(self.arbiter.copy_arrived(at, frame, self._now()))
-        elif at.dpid in self.switches.quantum and frame[12:14] == HERALDS:
-            self._do(self.arbiter.stored(at, message.cookie, frame))
+        elif at.dpid in self.switches.quantum and frame[12:14] in (HERALDS, ETHER_TYPE):
+            self._do(self.arbiter.inner_frame(at, message.cookie, frame))
         elif at.dpid in self.switches.quantum:
             self._lldp_arrived(at, frame)
         elif is_tcp(frame) and not self._instants.keeps(at, frame):

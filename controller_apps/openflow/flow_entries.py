@@ -202,10 +202,13 @@ def classical_entries(datapath: Datapath) -> list[Any]:
     return [*learned, *passed]
 
 
-def inner_frames(datapath: Datapath, hops: Iterable[Hop], session: int) -> list[Any]:
-    """Return what sends frames of inner ports to a session's hosts, and memories' heralds up."""
+def inner_frames(datapath: Datapath, hops: Iterable[Hop], session: int, reports: bool) -> list[Any]:
+    """Return what sends frames of inner ports to a session's hosts, and memories' heralds up.
+
+    Reports: the controller hears of outcomes, too.
+    """
     to_hosts = _apply([parser.OFPActionSetField(eth_dst=group_of(session).hex(":"))])
-    to_hosts.actions += _outputs([ofproto.OFPP_FLOOD])
+    to_hosts.actions += _outputs([ofproto.OFPP_FLOOD, *[ofproto.OFPP_CONTROLLER] * reports])
     entries = []
     for port in sorted({hop.out_port for hop in hops if hop.out_port in INNER_PORTS}):
         kinds = {ETH_TYPE_OUTCOMES: to_hosts}

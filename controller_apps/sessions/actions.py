@@ -39,6 +39,7 @@ class OpenPaths:
     closed: tuple[Hop, ...] = ()
     tuned: tuple[int, ...] = ()  # ports
     frequency_mhz: int = 0  # to which they are tuned
+    reports: bool = False  # the controller hears of outcomes, too
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ from controller_apps.sessions.switch_chains import emissions
 from controller_apps.sessions.terms import UNFILTERED, Terms
 from controller_apps.sessions.verdicts import Verdicts
 from controller_apps.timeouts import DISCOVERY_S
-from wire.analyser_frames import AnalyserFrame
+from wire.analyser_frames import AnalyserFrame, End
 from wire.malformed import MalformedPacket
 from wire.metadata.vocabulary import Reason
 from wire.parameters.network import ControllerSettings
@@ -141,15 +141,25 @@ class Arbiter:
         except MalformedPacket as error:
             return [Drop("malformed", str(error), at)]
 
-    def stored(self, at: SwitchPort, number: int, frame: bytes) -> list[Action]:
-        """Take a memory's herald, by the number of its session."""
+    def inner_frame(self, at: SwitchPort, number: int, data: bytes) -> list[Action]:
+        """Take a frame of an inner port, by the number of its session: herald, or outcomes."""
         session = self.sessions.by_number.get(number)
         if session is None or not session.open:
             return []
         try:
-            return [*emissions(session, at, AnalyserFrame.decode(frame))]
+            frame = AnalyserFrame.decode(data)
         except MalformedPacket as error:
-            return [Drop("herald", str(error), at)]
+            return [Drop("inner frame", str(error), at)]
+        turns, whole = session.turns, frame.first + len(frame.outcomes) == frame.pulses
+        actions: list[Action] = []
+        if frame.end == End.STORED:
+            actions += emissions(session, at, frame)
+        if turns is not None and whole and frame.end == End.STORED:
+            actions += self.light.release(session, turns.stored(at))
+        elif turns is not None and whole and frame.end == End.MEASURED:
+            over, due = turns.measured(at)
+            actions += self.light.release(session, due, over)
+        return actions
 
     def _segment(self, arrival: Arrival, now: float) -> list[Action]:
         segment = arrival.segment

@@ -20,6 +20,7 @@ from controller_apps.sessions.admission import limits_of
 from controller_apps.sessions.returns import borrowed_rotation
 from controller_apps.sessions.sessions import Request, Session, Sessions
 from controller_apps.sessions.snapshot import keep
+from controller_apps.sessions.swap_turns import Swap
 
 
 @dataclass
@@ -58,7 +59,25 @@ class Light:
         return stale if request.unseen else [*stale, *self.program(request, session)]
 
     def program(self, request: Request, session: Session) -> list[Action]:
-        return self._program(session, (), session.hops, request.transaction)
+        hops = session.hops
+        if session.turns is not None:
+            hops = tuple(hop for hop in hops if hop not in session.turns.hops)
+        return self._program(session, (), hops, request.transaction)
+
+    def release(self, session: Session, swaps: Iterable[Swap], over: Swap = ()) -> list[Action]:
+        """Lead memories of a session to their analysers; close what is over."""
+        return [
+            OpenPaths(
+                hops[0].dpid,
+                () if hops == over else hops,
+                session.number,
+                next(self._transactions),
+                over if hops == over else (),
+                reports=True,
+            )
+            for hops in (over, *swaps)
+            if hops
+        ]
 
     def hold(self, request: Request) -> None:
         request.transaction = next(self._transactions)

@@ -14,6 +14,7 @@ from controller_apps.light.routing import LightPath
 from controller_apps.packets.segments import FiveTuple, Segment
 from controller_apps.policy.schedules import Waiting
 from controller_apps.sessions.holders import Ends, Holders
+from controller_apps.sessions.swap_turns import SwapTurns
 from wire.malformed import MalformedPacket
 from wire.metadata.decoding import decode, message_length
 from wire.metadata.setup import SETUP_LENGTH, Setup
@@ -186,6 +187,7 @@ class Session:
     saved: bool = False  # for another controller
     resumed: float | None = None  # when it was taken over from another controller; None: judged
     confirmed: bool = True  # by a switch, since it was taken over
+    turns: SwapTurns | None = None  # of switches that swap; None: as soon as possible
     missing: tuple[Hop, ...] = ()  # that switches have lost, to be opened when it is confirmed
 
     @property

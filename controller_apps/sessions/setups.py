@@ -26,6 +26,7 @@ from controller_apps.sessions.sessions import (
     read_setup,
 )
 from controller_apps.sessions.slots import SlotGrants
+from controller_apps.sessions.swap_turns import swap_turns
 from controller_apps.sessions.terms import Terms
 from controller_apps.sessions.verdicts import Verdicts
 from controller_apps.timeouts import NODE_TIMEOUT_S
@@ -182,4 +183,7 @@ class Setups:
             )
         if not admission.paths:
             return self.verdicts.grant(request)
+        if request.setup.service == Service.SWITCH_SWAP:
+            hops = (hop for path in admission.paths for hop in path.hops)
+            session.turns = swap_turns(hops, self.terms.policy.schedule)
         return self.light.open(request, session, admission.paths)

@@ -192,6 +192,8 @@ def fitted(
         eavesdropping.check(ends, network)
         attack_of(request, network)  # whether it can be
     planned = request.schedule is not None or request.purify is not None
+    if request.purify is not None and isinstance(request.options, SwitchSwapOptions):
+        raise BadInput("--purify is of repeaters that are hosts (qmn run swap): leave it out")
     if planned and request.network.policy:
         text = "--schedule and --purify make a policy of their own"
         raise BadInput(f"{text}: write [swap] schedule and rounds into --policy")

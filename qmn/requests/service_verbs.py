@@ -39,6 +39,7 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             "put pairs into the memories of two hosts by way of switches that swap",
             "pairs",
             topology="chain",
+            scheduled=True,
         ),
         "ghz": Verb(
             "make GHZ states of several hosts, and estimate their fidelity",

@@ -10,6 +10,7 @@ from controller_apps.light.paths import HostPort, Network
 from controller_apps.sessions.actions import Action, Emit, Forward, Keep, OpenPaths
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.snapshot import decode_session
+from controller_apps.sessions.terms import UNFILTERED
 from wire.analyser_frames import BROADCAST, AnalyserFrame, Emission, End
 from wire.metadata.decoding import decode
 from wire.metadata.setup import Setup
@@ -17,6 +18,7 @@ from wire.metadata.vocabulary import Reason, Service
 from wire.parameters.switch import inner_ports
 
 S1, NOW = 100, 1.0
+MEMORIES = 61_001, 61_002
 WHOLE = frozenset(inner_ports(analysers=1, memories=2, sources=1))
 STORED = AnalyserFrame(61_001, 5, End.STORED, 2, 0, bytes(2)).encode(BROADCAST, bytes(6))
 
@@ -103,17 +105,17 @@ def test_sources_emit_when_the_first_memory_holds_a_block() -> None:
     arbiter = Arbiter(line(3), HOLD_S, IDLE_S)
     opened = [each for each in asked(arbiter, 3) if isinstance(each, OpenPaths)]
     first = SwitchPort(1, 61_001)
-    assert not arbiter.stored(first, 7, STORED)  # it is not open yet
+    assert not arbiter.inner_frame(first, 7, STORED)  # it is not open yet
     for each in opened:
         arbiter.barrier_passed(each.dpid, each.transaction, NOW)
-    assert not arbiter.stored(SwitchPort(2, 61_001), 7, STORED)
+    assert not arbiter.inner_frame(SwitchPort(2, 61_001), 7, STORED)
     light = 5, 2, FRAMED.rate_hz, arbiter.sessions.by_number[7].frequency_mhz
-    assert arbiter.stored(first, 7, STORED) == [
+    assert arbiter.inner_frame(first, 7, STORED) == [
         Emit(1, 62_001, Emission(8, *light)),
         Emit(2, 62_001, Emission(9, *light)),
     ]
-    assert not arbiter.stored(first, 99, STORED)
-    assert [type(each).__name__ for each in arbiter.stored(first, 7, b"rubbish")] == ["Drop"]
+    assert not arbiter.inner_frame(first, 99, STORED)
+    assert [type(each).__name__ for each in arbiter.inner_frame(first, 7, b"rubbish")] == ["Drop"]
 
 
 def test_a_session_of_the_longest_chain_is_kept_for_another_controller() -> None:
@@ -125,3 +127,34 @@ def test_a_session_of_the_longest_chain_is_kept_for_another_controller() -> None
     again = decode_session(kept.data, NOW)
     assert again.paths == arbiter.sessions.by_number[7].paths
     assert len(again.paths) == 64 * 2 + 63 * 2 + 2
+
+
+def test_switches_swap_in_the_turns_of_the_policy() -> None:
+    arbiter = Arbiter(line(3), HOLD_S, IDLE_S)
+    arbiter.follow(replace(UNFILTERED, schedule="nested"))
+    opened = [each for each in asked(arbiter, 3) if isinstance(each, OpenPaths)]
+    releases = {(61_001, 60_001), (61_002, 60_002)}
+    assert not any(releases & paths for paths in hops(list(opened)).values())
+    for each in opened:
+        arbiter.barrier_passed(each.dpid, each.transaction, NOW)
+    outcomes = AnalyserFrame(60_001, 1, End.MEASURED, 2, 0, bytes(2)).encode(BROADCAST, bytes(6))
+    for _block in range(2):
+        assert stored(arbiter, 2) == {}  # it comes behind its neighbours
+        assert stored(arbiter, 1) == {1: releases}
+        assert closed(arbiter.inner_frame(SwitchPort(1, 60_001), 7, outcomes)) == {1}
+        assert stored(arbiter, 3) == {3: releases}
+        last = arbiter.inner_frame(SwitchPort(3, 60_001), 7, outcomes)
+        assert closed(last) == {3}
+        assert hops(last)[2] == releases
+        assert closed(arbiter.inner_frame(SwitchPort(2, 60_001), 7, outcomes)) == {2}
+
+
+def stored(arbiter: Arbiter, dpid: int) -> dict[int, set[tuple[int, int]]]:
+    """Have both memories of a switch hold a block; return what is opened then."""
+    first, then = (arbiter.inner_frame(SwitchPort(dpid, port), 7, STORED) for port in MEMORIES)
+    assert not hops(first)
+    return hops(then)
+
+
+def closed(actions: list[Action]) -> set[int]:
+    return {each.dpid for each in actions if isinstance(each, OpenPaths) and each.closed}

@@ -51,3 +51,13 @@ def test_it_and_a_policy_of_the_users_own_are_refused() -> None:
 def test_only_swaps_have_turns() -> None:
     with pytest.raises(SystemExit):
         parse("distribute", "--schedule", "nested")
+
+
+def test_switches_take_turns_and_purify_nothing() -> None:
+    request, _network = checked(
+        parse("switch_swap", "--topology", "chain,2", "--schedule", "nested")
+    )
+    assert request.network.switch == ("analysers=1", "memories=2", "sources=1")
+    assert getattr(request.options, "swaps", 0) == 2
+    with pytest.raises(BadInput, match="--purify is of repeaters that are hosts"):
+        checked(parse("switch_swap", "--purify", "1"))
