@@ -266,6 +266,7 @@ def test_a_failed_analyser_and_a_killed_controller_end_sessions_by_name(tmp_path
         return topo
 
     with nothing_left(), running(line, tmp_path) as network:
+        require_chain_by_hand(network)
         assert swapped(network, count=100, swaps=2)["pairs"] == 100
         config = dispatcher_of_running_network()
         with ended(network, "that part of it has failed"):
@@ -275,6 +276,18 @@ def test_a_failed_analyser_and_a_killed_controller_end_sessions_by_name(tmp_path
         wait_until(lambda: not refusal(network), "c0 knows that, too", 10)
         with ended(network, "no outcomes of"):
             network.net.controllers[0].program.kill()
+
+
+def require_chain_by_hand(network: Network) -> None:
+    """Fail unless the documentation's lines of ovs-ofctl swap a block in two switches."""
+    page = (ROOT / "docs" / "switch-swaps.md").read_text()
+    (lines,) = [block for block in page.split("```") if "add()" in block]
+    subprocess.run(["bash", "-ec", lines], capture_output=True, timeout=SOON_S, check=True)
+    assert swapped(network, count=1000, sample=0, swaps=2)["pairs"] == 1000
+    assert status(network).pairs_created == 3 * 1051
+    for switch, port in re.findall(r"add (q\d) in_port=(\d+)", lines):
+        words = ["ovs-ofctl", "-O", "OpenFlow14", "del-flows", switch, f"in_port={port}"]
+        subprocess.run(words, capture_output=True, timeout=SOON_S, check=True)
 
 
 @contextmanager
