@@ -40,6 +40,7 @@ class PhysicalLayer:
     share_of_blocks: int = MAX_BLOCKS
     photons_lost: int = 0
     photons_lost_waiting: int = 0  # of these, in delay lines of analysers
+    drawn_for: dict[str, None] = field(default_factory=dict)  # why weak pulses were drawn whole
     journal: Journal = field(default_factory=Journal)
     time: NetworkTime = REAL_TIME
     news: NewsDelays = field(default_factory=NewsDelays)

@@ -268,6 +268,7 @@ class Flight:
                 self.lost += light.expected
                 light.transmission, light.expected = 0.0, 0
                 self._layer.record("", "dark", block, detail=f"{obstacle}: {refusal}")
+                self._layer.drawn_for[f"{obstacle} (without room: this light was lost)"] = None
                 return False
             beam.members = _every_pulse(block)
         return True

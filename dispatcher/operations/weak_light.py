@@ -126,6 +126,7 @@ def draw(layer: PhysicalLayer, why: str, *blocks: Block) -> None:
     for block in blocks:
         if block.weak is not None:
             _draw(layer, block, block.weak)
+            layer.drawn_for[why] = None
             layer.record(block.node, "draw", block, block.port, f"all pulses, for {why}")
 
 

@@ -345,6 +345,7 @@ class Service(DispatcherServicer):
             pairs_created=self.table.blocks.pairs_created,
             photons_lost=self.layer.photons_lost,
             photons_lost_waiting=self.layer.photons_lost_waiting,
+            drawn_for=self.layer.drawn_for,
             events=self.layer.history.count,
             backend=self.layer.sabot.backend,
             exact=self.layer.exact,

@@ -182,6 +182,7 @@ def note_light(facts: RunResult, network: Network, before: StatusReply = NO_LIGH
     facts.pairs_made = reached.pairs_created - before.pairs_created
     facts.photons_lost = reached.photons_lost - before.photons_lost
     facts.photons_lost_waiting = reached.photons_lost_waiting - before.photons_lost_waiting
+    facts.drawn_for = list(reached.drawn_for)
     early = worst(network.runtime)
     facts.acausal = EarlyNews(*early) if early else None
 

@@ -184,6 +184,13 @@ def approximations(facts: RunResult) -> dict[str, str]:
     return {"approximated": "; ".join(texts)} if texts else {}
 
 
+def weak_pulses(facts: RunResult) -> dict[str, str]:
+    """Return why pulses were simulated one by one that could have been left out, if any were."""
+    if not facts.drawn_for:
+        return {}
+    return {"weak pulses": f"simulated one by one, for {', '.join(facts.drawn_for)}"}
+
+
 def size_text(each: Approximated) -> str:
     return f"a probability is wrong by {each.most:.2g} at most"
 
@@ -202,6 +209,7 @@ def rows_of_every_run(facts: RunResult, folder: Path, report: str) -> dict[str, 
         **pace_row.rows(facts),
         "quantum states": f"{facts.backend}, {EXACTNESS[facts.exact]}",
         **approximations(facts),
+        **weak_pulses(facts),
         "captures": captures(facts, folder),
         **files_ended(facts),
         "quantum events": f"{folder}/{EVENT_LOG}" if facts.events else "not written",

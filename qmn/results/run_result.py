@@ -121,6 +121,7 @@ class RunResult(NetworkResult):
     backend: str
     exact: bool | None = None  # None: the network did not come to say it
     approximations: list[Approximated] = field(default_factory=list)  # why it is not exact
+    drawn_for: list[str] = field(default_factory=list)  # why weak pulses were simulated one by one
     watched: WatchedLight | None = None  # None: no light was
     job: Job
 

@@ -186,3 +186,37 @@ def test_photons_of_too_many_pulses_are_not_drawn_all() -> None:
         await alice.discard((0, 0))
 
     uvloop.run(act())
+
+
+@pytest.mark.parametrize(
+    ("noise", "why"),
+    [
+        ({"connectors_db": 3.0, "depolarizing": 0.1, "dephasing": 0.1, "pauli_x": 0.1}, []),
+        ({"polarization_drift_rad_per_sqrt_km": 0.1, "length_km": 1.0}, ["PolarizationDrift"]),
+        ({"pdl_db": 1.0}, ["PolarizationDependentLoss"]),
+        ({"burst_depolarizing": 0.1, "burst_start_hz": 1e3, "burst_end_hz": 1e5}, ["Bursts"]),
+    ],
+)
+def test_noise_that_is_not_of_each_photon_has_all_pulses_drawn(
+    noise: dict[str, Any], why: list[str]
+) -> None:
+    """Bob sees 1 - e^(-m t) of the pulses all the same."""
+    devices = {"alice": Device(PairSource("poisson", 0.5))}
+    ends = FiberEnd("alice", "alice-q0"), FiberEnd("bob", "bob-q0")
+    fiber = Fiber(*ends, **noise)
+    config = DispatcherConfig("", "", 1, {"alice": ""}, [fiber], [], devices=devices)
+
+    async def act() -> tuple[int, list[str]]:
+        laboratory = Laboratory(config)
+        alice, bob = laboratory.host("alice"), laboratory.host("bob")
+        await alice.emit(PULSES, 0, KEY)
+        await alice.send({(0, 0): "alice-q0"}, 1_000_000)
+        await bob.receive((0, 0), "bob-q0")
+        at, _bits = await bob.clicks((0, 0), KEY)
+        return at.size, list(laboratory.layer.drawn_for)
+
+    seen, drawn_for = uvloop.run(act())
+    assert drawn_for == why
+    if "pdl_db" not in noise:  # which loses some
+        transmission = 10 ** (-noise.get("connectors_db", 0) / 10)
+        assert within(seen, PULSES, -math.expm1(-0.5 * transmission))

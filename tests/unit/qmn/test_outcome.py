@@ -86,6 +86,12 @@ def test_a_person_is_told_what_was_lost_while_it_waited(tmp_path: Path) -> None:
     assert not [line for line in shown(tmp_path) if line.startswith("lost in delay lines")]
 
 
+def test_a_person_is_told_why_weak_pulses_were_simulated_one_by_one(tmp_path: Path) -> None:
+    lines = shown(tmp_path, drawn_for=["PolarizationDrift", "paths in q1"])
+    assert "weak pulses simulated one by one, for PolarizationDrift, paths in q1" in lines
+    assert not [line for line in shown(tmp_path) if line.startswith("weak pulses")]
+
+
 @pytest.mark.parametrize("received", [None, b"two bit!", b"two bits "])
 def test_a_person_is_told_what_was_not_delivered(tmp_path: Path, received: bytes | None) -> None:
     assert "message 8 bytes, NOT DELIVERED" in shown(tmp_path, received=received)
