@@ -28,6 +28,7 @@ from evidence.labs.lab import Finding, Published, PublishedRow
 from evidence.labs.outcome import number, show, stated
 from qmn.options import add_options, read
 from qmn.parser import Parser
+from qmn.printable_text import console_of_output
 from qmn.results.run_folder import give_tree
 from topologies.networks.network import Interrupted, Signals
 from wire.parameters.checks import remedy
@@ -70,7 +71,7 @@ def call(arguments: argparse.Namespace) -> int:
     # Dask and matplotlib take a second to load: other kinds do not wait for them.
     from evidence.curves import running
 
-    console, options = Console(highlight=False), read(CurvesOptions, arguments)
+    console, options = console_of_output(), read(CurvesOptions, arguments)
     try:
         sheets, rows = chosen(options)
         workers = options.workers or os.cpu_count() or 1

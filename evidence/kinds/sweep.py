@@ -37,6 +37,7 @@ from evidence.networks.job_sweep import WHAT
 from qmn.needs import Needs
 from qmn.options import add_options, read, titled
 from qmn.parser import Parser, listed
+from qmn.printable_text import console_of_output
 from qmn.requests.of_job import JOBS
 from qmn.requests.run_options import LiveOptions
 from qmn.results.run_folder import give_tree
@@ -189,7 +190,7 @@ def run(options: SweepOptions) -> int:
     try:
         grid, seed = grid_of(options)
         with Signals() as signals:
-            return sweep(grid, seed, options, signals, Console(highlight=False))
+            return sweep(grid, seed, options, signals, console_of_output())
     except (BadGrid, BadTable, SweepError, NetworkError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1

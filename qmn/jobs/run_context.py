@@ -16,6 +16,7 @@ from qmn.network.custom_topology import BadTopology
 from qmn.network.description import NetworkDescription
 from qmn.network.options import settings
 from qmn.options import BadInput
+from qmn.printable_text import console_of_output
 from qmn.requests.request import Request
 from qmn.requests.run_options import RunOptions
 from qmn.results.pace_row import note_pace, time_text
@@ -49,7 +50,7 @@ def guarded(work: Work) -> int:
     """Do the work; turn every fault into one line and an exit status."""
     try:
         with Signals() as signals:
-            return work(signals, Console(highlight=False))
+            return work(signals, console_of_output())
     except (BadInput, BadTopology, NetworkError, TransferError) as error:
         tell(str(error), error)
         return 1

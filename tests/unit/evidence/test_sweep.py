@@ -118,6 +118,18 @@ def test_known_points_are_not_measured_again(
     assert sorted(lines[2:]) == sorted([second, third])
 
 
+def test_outputs_that_are_no_terminal_have_no_escape_codes(
+    tmp_path: Path,
+    scheduler: Words,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Jupyter's kernels set FORCE_COLOR."""
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    assert run("sweep", "teleport", *POINTS, *scheduler, "--out", str(tmp_path)) == 0
+    assert "\x1b" not in capsys.readouterr().out
+
+
 def test_points_of_other_grids_and_seeds_in_the_table_are_counted(
     swept: Path, tmp_path: Path, scheduler: Words, capsys: pytest.CaptureFixture[str]
 ) -> None:
