@@ -16,7 +16,7 @@ from google.protobuf.message import DecodeError, Message
 
 from dispatcher.build import build_layer
 from dispatcher.layer.journal import Journal
-from dispatcher.recording.recorder import current_request, running_request
+from dispatcher.recording.recorder import count_task, current_request, running_request
 from dispatcher.refusal import Refusal
 from dispatcher.server.server import build_service
 from dispatcher.server.servicer import Service
@@ -58,6 +58,9 @@ class Turns(Journal):
         place = running.number, running.task()
         self._waiting[place] = asyncio.get_running_loop().create_future()
         await self._waiting[place]
+
+    def begun(self, task: asyncio.Task[Any]) -> None:
+        count_task(task)
 
     def timeout(self, _limit_s: float) -> asyncio.Timeout:
         """Return a time-out that never comes: those that came have changed nothing."""

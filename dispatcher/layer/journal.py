@@ -5,6 +5,7 @@ the end of a wait until the next wait. The order of these stretches, and the clo
 them, decide all that happens; a journal hears of each. This one ignores them.
 """
 
+import asyncio
 from contextlib import AbstractAsyncContextManager, AbstractContextManager, nullcontext
 from contextvars import ContextVar
 from typing import Any, NamedTuple
@@ -26,6 +27,9 @@ class Journal:
     def request(self, _node: str, _kind: str, _request: Any) -> AbstractContextManager[None]:
         """Begin a request; it lasts as long as the context, its flights may last longer."""
         return nullcontext()
+
+    def begun(self, task: asyncio.Task[Any]) -> None:
+        """Count a task of the request now, as it may be cancelled before it comes to a wait."""
 
     async def resumed(self) -> None:
         """Go on after a wait that is not the clock's."""

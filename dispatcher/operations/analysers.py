@@ -120,6 +120,7 @@ class Analysers:
 
     def _begin(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         task = asyncio.create_task(work)
+        self._layer.journal.begun(task)
         self._tasks.add(task)
         task.add_done_callback(self._ended)
         return task
@@ -130,8 +131,7 @@ class Analysers:
             self._failed(error)
 
     async def _expire(self, block: Block) -> None:
-        clock = self._layer.clock
-        await clock.wait_until(clock.now_ns() + int(ANALYSER_WAIT_S * 1e9))
+        await self._layer.clock.wait_until(block.last_ns + int(ANALYSER_WAIT_S * 1e9))
         self._end_alone(block, BellOutcomes.NO_PARTNER)
 
     def _end_wait(self, block: Block) -> None:

@@ -51,9 +51,7 @@ class RequestTable:
         self.analysers = Analysers(layer, measurements, self.reports, failed)
         self.transport = Transport(layer, failed, self._came)
         self.memories = SwitchMemories(layer, self.transport, self.analysers, self.reports, failed)
-        self.switching = Switching(
-            layer, self.analysers.close, self.memories.release, self._part_failed
-        )
+        self.switching = Switching(layer, self._connected, self.memories.opened, self._part_failed)
         self.rows = {
             "create": Row(messages.CreateRequest, self._timed(self.blocks.create)),
             "apply": Row(messages.ApplyRequest, self._timed(self.blocks.apply)),
@@ -89,6 +87,10 @@ class RequestTable:
     def _came(self, name: BlockName) -> None:
         self.analysers.look(name)
         self.memories.look(name)
+
+    def _connected(self, switch: str, outputs: set[int]) -> None:
+        self.analysers.close(switch, outputs)
+        self.memories.close(switch)
 
     def _part_failed(self, node: str) -> None:
         self.analysers.fail(node)

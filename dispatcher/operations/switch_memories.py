@@ -44,6 +44,7 @@ class SwitchMemories:
         memories, inputs = layer.network.memories, layer.network.analysers
         self._held = {node: deque[Block]() for node in memories}
         self._limits: dict[Block, asyncio.Task[None]] = {}
+        self._leads: dict[str, dict[int, int]] = {}  # outputs by input, of each switch
         self._sending: set[str] = set()  # memories whose light is on its way
         self._counts = {node: Counter[str]() for node in memories}
         # By switch and port of an input: the analyser's node, and its other input.
@@ -62,6 +63,18 @@ class SwitchMemories:
                 self._store(block)
         for switch in {part.switch for part in memories.values()}:
             self.release(switch)
+
+    def close(self, switch: str) -> None:
+        """Forget the cross-connects of a switch that have ended."""
+        now = self._layer.network.switches[switch].timeline.connections
+        leads = self._leads.get(switch, {})
+        self._leads[switch] = {i: o for i, o in leads.items() if now.get(i) == o}
+
+    def opened(self, switch: str, ready_ns: int) -> None:
+        """Lead light on by the cross-connects of a switch that are open, which is now."""
+        timeline = self._layer.network.switches[switch].timeline
+        self._leads[switch] = timeline.open_outputs(ready_ns)
+        self.release(switch)
 
     def release(self, switch: str) -> None:
         """Send on what the cross-connects of a switch lead on, as long as there is any."""
@@ -105,6 +118,7 @@ class SwitchMemories:
         self._reports.add(node, report)
         self._held[node].append(block)
         limit = self._limits[block] = asyncio.create_task(self._expire(block))
+        layer.journal.begun(limit)
         limit.add_done_callback(self._ended)
 
     async def _expire(self, block: Block) -> None:
@@ -119,8 +133,7 @@ class SwitchMemories:
 
     def _leaving(self, switch: str) -> list[str]:
         """Return the memories whose first block can leave now."""
-        network, now_ns = self._layer.network, self._layer.clock.now_ns()
-        leads = network.switches[switch].timeline.open_outputs(now_ns)
+        network, leads = self._layer.network, self._leads.get(switch, {})
         ready = {
             leads[int(part.ports[0])]: node
             for node, part in network.memories.items()

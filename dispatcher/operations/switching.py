@@ -144,13 +144,13 @@ class Switching:
         self,
         layer: PhysicalLayer,
         connected: Callable[[str, set[int]], None],
-        opened: Callable[[str], None],
+        opened: Callable[[str, int], None],
         failed: Callable[[str], None],
     ) -> None:
         """Call `connected` with a switch and its outputs in use when these change.
 
-        Call `opened` with a switch when all its cross-connects are open, `failed` with the node of
-        a part of a switch that has failed.
+        Call `opened` with a switch and a time when what is to be open by then is, `failed` with the
+        node of a part of a switch that has failed.
         """
         self._layer, self._connected, self._opened = layer, connected, opened
         self._failed = failed
@@ -168,7 +168,7 @@ class Switching:
         self._wanted[request.switch] = list(request.connections)
         ready_ns = self._connect(switch)
         await self._layer.clock.wait_until(ready_ns)
-        self._opened(request.switch)
+        self._opened(request.switch, ready_ns)
         return ready_ns
 
     def tune(self, _node: str, request: TunePortRequest) -> int:
@@ -278,7 +278,7 @@ class Switching:
         self._fault(switch, "repaired")
         ready_ns = self._connect(switch)
         await self._layer.clock.wait_until(ready_ns)
-        self._opened(switch.name)
+        self._opened(switch.name, ready_ns)
 
     def _fault(self, switch: OpticalSwitch, detail: str) -> None:
         self._layer.record(switch.name, "fault", detail=detail)

@@ -26,7 +26,10 @@ class RunningRequest:
     tasks: dict[asyncio.Task[Any] | None, int]
 
     def task(self) -> int:
-        return self.tasks.setdefault(asyncio.current_task(), len(self.tasks))
+        return self.number_of(asyncio.current_task())
+
+    def number_of(self, task: asyncio.Task[Any] | None) -> int:
+        return self.tasks.setdefault(task, len(self.tasks))
 
 
 current_request: ContextVar[RunningRequest | None] = ContextVar("current_request", default=None)
@@ -40,6 +43,12 @@ def running_request(number: int) -> Iterator[None]:
         yield
     finally:
         current_request.reset(token)
+
+
+def count_task(task: asyncio.Task[Any]) -> None:
+    """Number a task of the running request, if any runs."""
+    if (running := current_request.get()) is not None:
+        running.number_of(task)
 
 
 def open_private(path: str) -> BinaryIO:
@@ -79,6 +88,9 @@ class Recorder(Journal):
                 yield
         finally:
             self._file.flush()
+
+    def begun(self, task: asyncio.Task[Any]) -> None:
+        count_task(task)
 
     async def resumed(self) -> None:
         running = current_request.get()

@@ -110,7 +110,7 @@ class Timeline:
         return {in_port: interval.out_port for in_port, interval in self._open()}
 
     def open_outputs(self, now_ns: int) -> dict[int, int]:
-        """Return the outputs to which light passes now, by input."""
+        """Return the outputs to which light passes at this time, by input."""
         return {i: interval.out_port for i, interval in self._open() if interval.opens_ns <= now_ns}
 
     @property

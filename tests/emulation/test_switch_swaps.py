@@ -254,6 +254,7 @@ def test_a_chain_of_switches_has_pairs_as_the_closed_form_says(
     werner = ((4 * FIDELITY - 1) / 3) ** 4
     expected = (1 + werner * (1 + 2 * kept)) / 4
     told = result["job"]["asking"]
+    assert "identical" in run_qmn("replay", str(tmp_path / "latest")).stdout
     assert abs(told["fidelity"] - expected) < 5 * sqrt(9 / 16 / told["sampled"])
 
 
