@@ -2,6 +2,7 @@
 
 from collections.abc import Awaitable, Callable
 from itertools import product
+from math import pi
 from pathlib import Path
 from typing import Any
 
@@ -354,6 +355,13 @@ def test_detectors_tell_a_one_as_a_zero_in_any_basis(model: str) -> None:
         assert not told[states % 2 == 0].any()
         for state in (1, 3, 5):
             assert within(int(told[states == state].sum()), COUNT, 0.7)
+        bits = states[states < 2]
+        for basis, angle_rad in ((3, pi / 4), (4, -pi / 4)):  # halfway to |+> and to |->
+            await alice.prepare(bits, basis)
+            await alice.apply((basis, 0), gates=[Gate(name=Gate.RY, angle_rad=angle_rad)])
+            told = await alice.measure((basis, 0), bases=np.full(bits.size, basis, np.uint8))
+            assert not told[bits == 0].any()
+            assert within(int(told[bits == 1].sum()), COUNT, 0.7)
         await alice.create(COUNT, 1)
         expected = bell_outcomes(through(pair(), 0, damping(0.3)))
         require(await alice.bell_measure((1, 0), (1, 1)), expected)
