@@ -25,6 +25,7 @@ from wire.parameters.physics import Device, PairSource
 
 COUNT = 40_000
 CHANNELS = 3
+MINUTE_NS = 60 * 10**9
 SHARE = 0.1  # of the light of a channel, in each neighbouring one: 10 dB
 ALL_IN_STEP = {"pulse_window_s": 1 / RATE_HZ}  # one pulse of a neighbour comes with each
 
@@ -201,3 +202,12 @@ def test_photons_in_windows_are_those_that_an_enumeration_finds() -> None:
         there = schedule.times_ns
         expected = [0.5 * int((abs(there - t) < window_ns / 2).sum()) for t in times_ns]
         assert traffic.photons(times_ns, window_ns).tolist() == expected
+
+
+@pytest.mark.parametrize(("later_ns", "kept"), [(0, 2), (MINUTE_NS, 2), (MINUTE_NS + 1, 1)])
+def test_light_of_the_last_minute_is_remembered(later_ns: int, kept: int) -> None:
+    """It has left 99 ns before, and may stray into what is asked for only now."""
+    traffic, pattern = Traffic(), Pattern(1.0, 100)
+    traffic.add(Schedule(0, pattern), 1.0)
+    traffic.add(Schedule(99 + later_ns, pattern), 1.0)
+    assert len(traffic.passing) == kept

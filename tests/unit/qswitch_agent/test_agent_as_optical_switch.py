@@ -20,7 +20,7 @@ from qswitch_agent.hardware.optics import (
     Quantity,
     Readings,
 )
-from qswitch_agent.openflow import flow_reports, messages
+from qswitch_agent.openflow import flow_reports, identity, messages
 from qswitch_agent.openflow.flow_reports import REMOVED
 from qswitch_agent.openflow.instructions import Mark
 from wire import optical
@@ -226,3 +226,20 @@ def test_hardware_that_cannot_be_read_ends_the_connection(failure: Exception) ->
             await now.controller.hears_the_end()
 
     play(scene())
+
+
+def test_its_one_table_takes_output_actions_alone_by_in_port_and_ethertype() -> None:
+    """By hand from OpenFlow 1.4, A.3.5.5.2: kind, length, then ids of four bytes, padded to 8."""
+    features = identity.table_features(7).hex()
+    for kind, ids in {
+        "0000": "0003000400040004",  # WRITE_ACTIONS and APPLY_ACTIONS
+        "0002": "",
+        "0004": "00000004",  # OUTPUT
+        "0006": "00000004",
+        "0008": "8000000480000a02",
+        "000a": "8000000480000a02",
+        "000c": "",
+        "000e": "",
+    }.items():
+        length = 4 + len(ids) // 2
+        assert f"{kind}{length:04x}{ids}" + "00" * (-length % 8) in features
