@@ -132,7 +132,7 @@ def test_a_run_has_its_page_as_long_as_it_lasts(tmp_path: Path) -> None:
 
 @pytest.mark.waits
 def test_networks_apart_have_their_pages_at_one_address(tmp_path: Path) -> None:
-    long = ["--message", "x" * 5000, "--rate-hz", "4000"]  # 20,000 pairs: 5 s of light
+    long = ["--message", "x" * 5000, "--rate-hz", "4000", "--frame-bytes", "32"]  # 5 s of light
     grid = ["--emulate", "--workers", "2", "--depolarizing", "0,0.001", *long]
     out = ["--out", str(tmp_path)]
     with running_qmn("lab", "sweep", "sdc", *grid, *out, "--live", end_s=DEADLINE_S) as sweep:

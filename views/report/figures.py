@@ -164,7 +164,11 @@ def key_distribution_figures(run: RunFacts) -> Iterator[str]:
 
 
 def pictures_of_states(run: RunFacts) -> Iterator[str]:
-    """Yield the picture of states that were teleported, or of the chain of a swapped pair."""
+    """Yield the picture of teleported or received states, or of the chain of a swapped pair."""
+    if run.result.message is not None:
+        sent = run.result.asking
+        bell_states = sent.symbols if isinstance(sent, SentFigures) else 0
+        yield _confusion(run, bell_states if bell_states in SYMBOLS else max(SYMBOLS))
     job = run.result.job
     asked = job.asked if isinstance(job, ServiceJob) else None
     if isinstance(asked, TeleportFigures) and asked.of_states:
@@ -180,11 +184,8 @@ def pictures_of_states(run: RunFacts) -> Iterator[str]:
 
 
 def chart_figures(run: RunFacts, paths: Sequence[LightPath]) -> Iterator[str]:
-    """Yield the charts; those of symbols for superdense coding alone."""
+    """Yield the charts; those of errors for superdense coding alone."""
     if run.result.message is not None:
-        sent = run.result.asking
-        bell_states = sent.symbols if isinstance(sent, SentFigures) else 0
-        yield _confusion(run, bell_states if bell_states in SYMBOLS else max(SYMBOLS))
         yield _rate(run)
         yield _errors(run)
     if not paths or any(path.loss_db for path in paths):

@@ -18,7 +18,7 @@ from views.report.light_paths import fiber_name, light_paths, photons_by_port
 from views.report.markup import table
 from views.report.programs import ladder, outputs
 from views.report.run_facts import RunFacts, read_run
-from views.report.sentences import sentence
+from views.report.sentences import of_eve, sentence
 from views.titles import TITLES
 from wire.device import OF_LIGHT, setting_name
 from wire.results.figures import Figures, SentFigures
@@ -85,7 +85,7 @@ def _outcome(run: RunFacts) -> str:
         for name, value in numbers.items()
     )
     reason = result.error if result.error and result.error not in verdict else ""
-    error = f"<p>{escape(reason)}</p>" if reason else ""
+    error = "".join(f"<p>{escape(text)}</p>" for text in (reason, of_eve(result)) if text)
     note = "" if done else f"<p>{LAST_COUNTS}</p>"
     below = f'<div class="tiles">{tiles}</div>{_every_figure(result.asking)}{note}'
     return f'<p class="{kind}">{escape(verdict)}</p>{error}{below}'

@@ -5,6 +5,7 @@ from qmn.requests.service import ServiceRequest
 from qmn.results.run_result import RunResult
 from views.titles import TITLES
 from wire.results.figures import (
+    EveFigures,
     GhzFigures,
     KeyFigures,
     PairFigures,
@@ -12,8 +13,9 @@ from wire.results.figures import (
     SentFigures,
     TeleportFigures,
 )
-from wire.results.run_result import NetqasmJob
+from wire.results.run_result import NetqasmJob, ServiceJob
 
+IN_BOTH_BASES = frozenset({"bb84", "bbm92", "e91"})  # bits of key are of Z and X, half of each
 NORMAL_95 = 1.96  # standard errors to either side
 
 
@@ -32,6 +34,24 @@ def sentence(result: RunResult) -> str:
         rounds = len(result.job.outputs)
         return f"{rounds:,} round{'s' * (rounds != 1)} done: {where}"
     return _of_states(result) or f"{title}: done"
+
+
+def of_eve(result: RunResult) -> str:
+    """Return what an eavesdropper took and knows; "" if there was none.
+
+    Half of her bases are right; from the others half of the bits come out wrong.
+    """
+    eve = result.job.eve if isinstance(result.job, ServiceJob) else None
+    if not isinstance(eve, EveFigures) or not eve.photons:
+        return ""
+    if not eve.measured:
+        return f"Eve kept a photon of {eve.multi_photon:,} of {eve.photons:,} pulses."
+    share = 100 * eve.measured / eve.photons
+    text = f"Eve measured {eve.measured:,} of {eve.photons:,} photons ({share:.1f} %) and sent on "
+    if result.service not in IN_BOTH_BASES:
+        return f"{text}the outcomes."
+    known = f"she knows {share / 2:.1f} % of the sifted bits, and makes {share / 4:.1f} %"
+    return f"{text}the outcomes: {known} of them wrong."
 
 
 def interval(value: float, low: float, high: float) -> str:

@@ -153,6 +153,8 @@ def test_a_key_session_shows_its_error_rate_its_limit_and_eve(
         shown = page.locator("#qkd")
         expect(page.locator("#status")).to_have_text("live")
         expect(shown).to_be_hidden()
+        asked = {"session": SESSION, "service": "bb84", "from": "alice", "to": "bob"}
+        view.timeline.add("controller", START_NS, {"event": "granted", **asked})
         figures: dict[str, Any] = {
             "photons": 400,
             "raw_bits": 400,

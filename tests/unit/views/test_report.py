@@ -20,17 +20,17 @@ from views.report.light_paths import Hop, LightPath, light_paths
 from views.report.page import _fibers
 from views.report.report_file import NoReport, made_report, report_of_run
 from views.report.run_facts import read_run
-from views.report.sentences import sentence
+from views.report.sentences import of_eve, sentence
 from views.verbs import report
 from wire.dispatcher_pb2 import BlockId, Event
 from wire.metadata.blocks import Block, Emit, Frame, Report
-from wire.results.figures import KeyFigures
+from wire.results.figures import EveFigures, KeyFigures
 from wire.results.run_result import ServiceJob
 
 FIGURES = [
+    "Bell states sent and received",
     "The network",
     "The handshake, in both layers",
-    "Bell states sent and received",
     "Bell pairs a second",
     "Errors over time",
     "Loss of each hop",
@@ -130,6 +130,18 @@ def test_a_run_without_a_key_says_why(qber: float | None, error: str | None, ver
     result = run_of("bb84", ServiceJob(asking=figures_of_keys), time_scale=1.0)
     result.error = error
     assert sentence(result) == verdict
+
+
+def test_a_report_says_what_eve_knows() -> None:
+    """Who measures and resends knows half of the bits, and spoils a quarter (BB84)."""
+    counts = {"blocks": 1, "lost_blocks": 0, "attack": "resend", "fraction": 0.6}
+    eve = EveFigures(**cast("Any", counts | {"photons": 42_064, "measured": 25_197}))
+    text = of_eve(run_of("bb84", ServiceJob(eve=eve), time_scale=1.0))
+    assert text == (
+        "Eve measured 25,197 of 42,064 photons (59.9 %) and sent on the outcomes: she knows 30.0 % "
+        "of the sifted bits, and makes 15.0 % of them wrong."
+    )
+    assert of_eve(run_of("bb84", ServiceJob(), time_scale=1.0)) == ""
 
 
 def test_first_photons_are_kept_where_bases_agree_and_hostile_names_are_no_markup() -> None:

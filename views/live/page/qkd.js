@@ -6,7 +6,8 @@ import { count, element, table } from "./panels.js";
 
 const MOST_POINTS = 1000; // those behind are thinned out
 const OFTEN = 2; // wanted of a curve, at least: points
-const PROTOCOLS = new Set(["bb84", "bbm92", "e91", "mdi"]);
+const IN_BOTH_BASES = new Set(["bb84", "bbm92", "e91"]); // bits of key are of Z and X, half of each
+const PROTOCOLS = new Set([...IN_BOTH_BASES, "mdi"]);
 const percent = (share, digits = 1) => (100 * share).toFixed(digits);
 const STEPS = [["photons", "photons sent"], ["raw_bits", "detected by the receiver"], ["sifted_bits", "sifted: same basis at both ends"], ["key_bits", "secret key"]];
 
@@ -52,15 +53,19 @@ export function verdict({ last, failed }) {
 
 // What eavesdroppers have, in words: of hosts, and of fibres that somebody measures.
 export function eavesdroppers(state, fibers) {
-  const texts = Object.entries(state.eve).map(([name, { photons, measured, held }]) => held
-    ? `${name} keeps a photon of ${count(held)} of ${count(photons)} pulses, and learns their bits when bases are announced.`
-    : `${name} has measured ${count(measured)} of ${count(photons)} photons (${percent(measured / (photons || 1))} %) and sent on the outcomes. ${known(measured / (photons || 1))}`);
-  for (const { name, fraction } of fibers) texts.push(`Fibre ${name}: somebody measures ${percent(fraction)} % of the photons. ${known(fraction)}`);
+  const services = new Set([...state.sessions.values()].map((each) => each.asked.service));
+  const known = [...services].some((each) => IN_BOTH_BASES.has(each)) ? knowledge : () => "";
+  const texts = Object.entries(state.eve).map(([name, { photons, measured, held }]) => {
+    const share = measured / (photons || 1);
+    if (held) return `${name} keeps a photon of ${count(held)} of ${count(photons)} pulses, and learns their bits when bases are announced.`;
+    return `${name} has measured ${count(measured)} of ${count(photons)} photons (${percent(share)} %) and sent on the outcomes.${known(share)}`;
+  });
+  for (const { name, fraction } of fibers) texts.push(`Fibre ${name}: somebody measures ${percent(fraction)} % of the photons.${known(fraction)}`);
   return texts;
 }
 
 // Half of her bases are right; from the others half of the bits come out wrong.
-const known = (share) => `She so knows ${percent(share / 2)} % of the sifted bits, and makes ${percent(share / 4)} % of them wrong.`;
+const knowledge = (share) => ` She so knows ${percent(share / 2)} % of the sifted bits, and makes ${percent(share / 4)} % of them wrong.`;
 
 export class Qkd {
   constructor(section) {
@@ -80,6 +85,7 @@ export class Qkd {
   show(state, fibers) {
     const { qkd } = state, { last } = qkd, eve = eavesdroppers(state, fibers);
     this.section.hidden = !last && !eve.length;
+    this.at("title").textContent = last ? "Key distribution" : "Eavesdroppers";
     if (this.section.hidden) return;
     this.at("eve").replaceChildren(...eve.map((text) => element("p", text)));
     this.at("verdict").hidden = this.at("gauge").hidden = !last;
