@@ -19,7 +19,7 @@ from wire.metadata.header import METADATA_PORT, QUANTUM_SWITCHES
 from wire.parameters.switch import INNER_PORTS, Kind, inner_port
 
 FILTER_TABLE, METADATA_TABLE, LEARNING_TABLE, COPY_TABLE = 0, 1, 2, 3
-COPY_METER, COPIES_PER_S = 1, 2000  # as many as come to the controller itself (SHARES of nodes)
+COPY_METER, COPIES_PER_S, MOST_COPIES = 1, 200, 2000  # more set-ups than c0 grants, and at once
 LIGHT_TABLE = 0
 TRUNK_PRIORITY, HIDDEN_PRIORITY = 510, 500
 CLOSE_PRIORITY, BYPASS_PRIORITY, OPENING_PRIORITY = 400, 300, 250
@@ -156,7 +156,7 @@ def _copies_for_switches(datapath: Datapath, trunks: Collection[int]) -> list[An
 
 def _meter(datapath: Datapath) -> list[Any]:
     """Return what makes the meter of copies; an earlier controller may have left one."""
-    band = parser.OFPMeterBandDrop(rate=COPIES_PER_S, burst_size=COPIES_PER_S)
+    band = parser.OFPMeterBandDrop(rate=COPIES_PER_S, burst_size=MOST_COPIES)
     flags = ofproto.OFPMF_PKTPS | ofproto.OFPMF_BURST
     return [
         parser.OFPMeterMod(datapath, ofproto.OFPMC_DELETE, flags, COPY_METER),

@@ -93,12 +93,12 @@ def added_to(
 
 
 def test_copies_pass_a_meter_which_is_made_anew(tmp_path: Path) -> None:
-    """OpenFlow 1.4 section 7.3.4.4: a drop band of 2,000 packets a second."""
+    """OpenFlow 1.4 section 7.3.4.4: a drop band of 200 packets a second, 2,000 at once."""
     sent = Scene(tmp_path, trunks=[(S1, 5), (Q1, 1)]).s1.take()
     meters = [message for message in sent if message.kind == ofproto.OFPT_METER_MOD]
     (copied,) = [mod for mod in flow_mods(sent) if (mod.table_id, mod.priority) == (3, 200)]
     metered = copied.instructions[0].meter_id
-    head, band = struct.pack("!HI", 0b0110, metered), struct.pack("!HHII4x", 1, 16, 2000, 2000)
+    head, band = struct.pack("!HI", 0b0110, metered), struct.pack("!HHII4x", 1, 16, 200, 2000)
     wanted = [struct.pack("!H", 2) + head, struct.pack("!H", 0) + head + band]
     assert [meter.data[8:] for meter in meters] == wanted
     assert sent.index(meters[-1]) < sent.index(copied)
