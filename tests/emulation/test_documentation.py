@@ -22,7 +22,9 @@ def test_the_first_command_prints_what_the_readme_says(tmp_path: Path) -> None:
     printed = bash("qmn run sdc --seed 1", tmp_path)  # which `make run-sdc` is, when all is set up
     mode, printed_of_run = shown.split("\n", 1)  # setup/run-sdc, which also says the mode
     assert mode.startswith("run-sdc: mode ")
-    assert without_numbers(printed) == without_numbers(printed_of_run)
+    lines = printed.splitlines(keepends=True)  # a busy machine starts for more than 5 s
+    quick = "".join(line for line in lines if not line.startswith("still starting"))
+    assert without_numbers(quick) == without_numbers(printed_of_run)
     assert "37 bytes, delivered exactly" in printed
     assert "Bell pairs used       148" in printed
 
