@@ -40,7 +40,7 @@ from sabot_scene import (
 
 from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.dense import TooLarge
-from dispatcher.sabot.draws import Draws
+from dispatcher.sabot.draws import Draws, PhotonDraws
 from dispatcher.sabot.manager import Sabot
 from dispatcher.sabot.registers import Pick, Register
 from dispatcher.sabot.remote import client
@@ -160,6 +160,23 @@ def test_kraus_operators_of_many_qubits_are_sent_in_parts(
             found.append(sabot.bell_measure(first, second, (draws[1], draws[2])).tolist())
     assert found[0] == found[1]
     assert len(set(found[0])) == 4
+
+
+def test_numbers_of_ones_own_are_those_that_decide(tmp_path: Path) -> None:
+    """In X a |0> is found as its bit says, and in Z+X the same in either process."""
+    bits, fractions = np.arange(100, dtype=np.uint8) % 2, np.linspace(0, 0.99, 100)
+    found = []
+    with serving_in(tmp_path) as socket, RemoteSabot(socket, "chp") as remote:
+        for sabot in (Sabot(BACKENDS["chp"]), remote):
+            for basis in (1, 3):
+                own = PhotonDraws(bits.copy, fractions.copy)
+                register = sabot.zeros(100)
+                found.append(sabot.measure(register, np.full(100, basis, np.uint8), own).tolist())
+        wrong = PhotonDraws(bits.copy, lambda: fractions + 1)
+        with pytest.raises(grpc.RpcError, match="fractions"):
+            remote.measure(remote.zeros(100), np.zeros(100, np.uint8), wrong)
+    assert found[0] == bits.tolist()
+    assert found[:2] == found[2:]
 
 
 def test_kraus_operators_that_no_channel_has_are_refused(tmp_path: Path) -> None:
