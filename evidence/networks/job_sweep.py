@@ -41,6 +41,7 @@ OF_PARTS = "fiber", "switch", "node", "device"  # options that are lists of word
 TEXT = "a text"
 SWITCHES = {"on": True, "off": False}
 AT_START = OF_NETWORK | {"schedule", "purify", "protocol", "source", "sender", "receiver"}
+MOST_SHOWN = 40  # characters of a value, as a message is one
 MOST_POINTS = 50  # on one network: further ones go to another processor
 
 
@@ -222,5 +223,5 @@ def measure(job: str, points: Sequence[Values], seed: int, runs: Path) -> Iterat
             for values in points:
                 yield outcome_of(network.run(job, **options_of(values, own_seed)))
     except (NetworkError, TransferError, BadInput, BadTopology, TimeoutError) as error:
-        place = ", ".join(f"{name} {value}" for name, value in first.items())
+        place = ", ".join(f"{name} {str(value)[:MOST_SHOWN]}" for name, value in first.items())
         raise SweepError(f"{job} at {place} and beyond failed: {error}") from error
