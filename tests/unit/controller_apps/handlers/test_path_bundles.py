@@ -1,6 +1,7 @@
 """Bundles of light paths: the bytes that the framework of this process makes of its own objects."""
 
 from itertools import count
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -10,6 +11,7 @@ from controller_apps.openflow import flow_entries, optical_messages
 from controller_apps.openflow.framework import ProtocolDesc, ofproto, parser
 from controller_apps.openflow.switches import path_bundle, xid_of
 from controller_apps.sessions.actions import OpenPaths
+from wire.optical import EXPERIMENTER
 
 Q1, SESSION, FREQUENCY_MHZ = 2, 0xFEDCBA9876543210, 193_400_000
 OPENED = Hop(Q1, 1, 4), Hop(Q1, 0xFFFFFF00, 2)
@@ -77,3 +79,22 @@ def test_a_bundle_is_what_the_framework_makes_of_its_objects(
     assert made == by_the_framework(datapath, paths, tuning(), first_xid)
     xids = [first_xid + number & 0xFFFFFFFF for number in range(len(made))]
     assert [xid_of(message) for message in made] == xids
+
+
+def test_classical_ports_alone_of_a_quantum_switch_forward_as_any_switch_does() -> None:
+    optical, own = (
+        kind.__new__(kind)
+        for kind in (
+            parser.OFPPortDescPropOptical,
+            parser.OFPPortDescPropExperimenter,
+        )
+    )
+    own.experimenter = EXPERIMENTER
+    datapath: Any = Datapath()
+    properties = {1: [optical], 2: [own], 3: [], 4: []}  # a fibre, an inner port, and copper
+    datapath.ports = {
+        number: SimpleNamespace(port_no=number, properties=each)
+        for number, each in properties.items()
+    }
+    entries = flow_entries.classical_entries(datapath)
+    assert sorted(entry.match["in_port"] for entry in entries) == [3, 3, 4, 4]
