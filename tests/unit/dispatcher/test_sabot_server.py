@@ -173,7 +173,7 @@ def test_numbers_of_ones_own_are_those_that_decide(tmp_path: Path) -> None:
                 register = sabot.zeros(100)
                 found.append(sabot.measure(register, np.full(100, basis, np.uint8), own).tolist())
         wrong = PhotonDraws(bits.copy, lambda: fractions + 1)
-        with pytest.raises(grpc.RpcError, match="fractions"):
+        with pytest.raises(SabotUnreachable, match="fractions"):
             remote.measure(remote.zeros(100), np.zeros(100, np.uint8), wrong)
     assert found[0] == bits.tolist()
     assert found[:2] == found[2:]
