@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+import http.client
 import json
 import os
 import re
@@ -11,9 +12,10 @@ import sys
 import threading
 import time
 import urllib.error
+import urllib.parse
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -162,6 +164,19 @@ def test_only_who_knows_the_address_is_answered(tmp_path: Path) -> None:
             assert answer(base + path)[0] == 404, path
         assert answer(f"{url}../../../etc/passwd")[0] in (403, 404)
         assert answer(f"{url}%2e%2e/server.py")[0] in (403, 404)
+
+
+@pytest.mark.parametrize("path", ["", "network.json", "wrong"])
+def test_browsers_guess_no_type_and_neither_keep_an_answer_nor_name_its_address(
+    tmp_path: Path, path: str
+) -> None:
+    with served(live(tmp_path)) as url:
+        place = urllib.parse.urlsplit(url)
+        with closing(http.client.HTTPConnection(place.netloc, timeout=SOON_S)) as connection:
+            connection.request("GET", place.path + path)
+            headers = connection.getresponse().headers
+    names = "X-Content-Type-Options", "Referrer-Policy", "Cache-Control"
+    assert [headers[name] for name in names] == ["nosniff", "no-referrer", "no-store"]
 
 
 def test_another_page_of_the_browser_may_not_ask(tmp_path: Path) -> None:
