@@ -35,7 +35,7 @@ BESIDE = {
 OF_ANOTHER_DAY = re.compile(r"127\.0\.0\.1:(20114|PORT)")
 ADDRESS = re.compile(r"(?:gNMI|metrics) of .*?(127\.0\.0\.1:\d+)")
 RUN = re.compile(rf"qmn |tshark |{re.escape(MININET)}|{'|'.join(BESIDE)}")
-BEFORE = re.compile(r"[a-z]+=|cd ")
+BEFORE = re.compile(r"(export )?[A-Za-z]+=|cd ")
 SERVER = re.compile(r"sudo (\.venv/bin/python -m dispatcher\.sabot --socket (\S+)) &")
 # It stays as long as what is typed below it, which waits here until it listens.
 SERVED = r"""(cd ROOT; exec \1) &
@@ -62,6 +62,7 @@ NOT_HERE = {
     rf"{re.escape(MININET)}.*light=standing": "tests/emulation/test_own_controller.py",
     r"cat > bell\.qasm|qmn .*bell\.qasm": "tests/unit/qmn/test_pages.py, with that file",
     r"sudo service openvswitch-switch start": "set-up: `qmn` itself looks for Open vSwitch",
+    r"sudo env .*jupyter-execute ": "tests/emulation/test_notebooks.py",
     r"xdg-open ": "needs a display: tests/unit/views/test_report_in_browser.py",
     r"python3 -m venv /tmp/sequence|/tmp/sequence/bin/": "needs SeQUeNCe, which is not ours",
 }

@@ -4,6 +4,7 @@ Those that need a network are in tests/emulation/test_documentation.py.
 """
 
 import re
+import runpy
 import subprocess
 from collections import Counter
 from collections.abc import Iterator
@@ -104,6 +105,11 @@ def test_every_page_begins_with_who_needs_it() -> None:
         assert title.startswith("# "), name
         assert blank == "", name
         assert first.startswith("For anyone who "), name
+
+
+def test_each_line_of_a_page_is_known_to_the_tests_that_run_all_by_night() -> None:
+    file = ROOT / "tests/commands/test_every_command.py"
+    runpy.run_path(str(file))["test_each_excuse_is_needed"]()  # it raises where it is read, else
 
 
 def test_every_page_is_in_the_readme_which_stays_short() -> None:
