@@ -45,13 +45,15 @@ IFF_UP = 0x1
 TUN = "/dev/net/tun"  # by which programs make interfaces
 Result = TypeVar("Result")
 IPV6, IPV4 = Path("/proc/sys/net/ipv6/conf"), Path("/proc/sys/net/ipv4")
-# No probe for lost tails, no slow start after a pause, nothing held back to be sent with more.
+# No probe for lost tails, no slow start after a pause, nothing held back to be sent with more. Not
+# more is under way than a switch in user space can hold: what it loses would come too late.
 STEPPED_TCP = {
     "tcp_early_retrans": 0,
     "tcp_slow_start_after_idle": 0,
     "tcp_congestion_control": "reno",
     "tcp_autocorking": 0,
     "tcp_tso_win_divisor": 255,
+    "tcp_wmem": "4096 65536 65536",
 }
 # Of a route in stepped time: TCP repeats after 100 s of the wall (120 s at most) what nobody has
 # acknowledged, and acknowledges at once, as time would leap while it held that back.
