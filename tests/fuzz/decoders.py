@@ -13,6 +13,7 @@ from typing import Any
 from uuid import UUID
 
 import netqasm_samples
+import numpy as np
 import of_programs
 import test_device_messages
 import test_metadata
@@ -37,6 +38,7 @@ from wire import (
     dispatcher_record,
     dispatcher_service,
     events,
+    gaps,
     machine_channel,
     optical,
     packed_folder,
@@ -299,6 +301,14 @@ FORMATS: dict[str, Target] = {
         lambda data: decode_counts(data, MemoryCounts),
         lambda counts: b"".join(each.encode() for each in counts),
         canonical=False,  # padding
+    ),
+    "gaps": Target(
+        [gaps.encode(np.array(each)) for each in ([0], [0, 3, 9, 10], [7, 500, 999])],
+        lambda data: gaps.decode(data, 1000),
+        gaps.encode,
+        canonical=False,  # any shift says it
+        refusals=(ValueError,),
+        means=lambda positions: positions.tolist(),
     ),
     "path optics": Target(
         [optical.PathOptics(1, 2, 1500, 3, True).encode() * 3],
