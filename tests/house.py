@@ -44,7 +44,7 @@ options = [
     action.option_strings[-1]
     for parser in parsers(described(**whole))
     for action in parser._actions
-    if action.option_strings and action.dest != "help"
+    if action.option_strings and action.dest not in ("help", "help_all")
 ]
 print(len(VERBS), len(options), len(set(options)))
 """
