@@ -9,7 +9,7 @@ from typing import Any
 from controller_apps.console.views import light_view, name_of, request_view
 from controller_apps.devices.hosts_state import Place
 from controller_apps.light.paths import Network, switches
-from controller_apps.packets.segments import FiveTuple, only_acknowledges
+from controller_apps.packets.segments import FiveTuple, is_without_data
 from controller_apps.record import PortLines, Record
 from controller_apps.sessions.actions import Drop, Note
 from controller_apps.sessions.link_monitors import Links, names_of
@@ -42,9 +42,9 @@ class Journal:
     def packet_came(self, frame: bytes) -> None:
         """Count a packet, unless it came while the network started and stepped time did not.
 
-        Bare acknowledgements do not count: kernels send them by the wall.
+        TCP segments without data do not count: how many there are follows the wall.
         """
-        self.packet_in_count += self._time.has_begun and not only_acknowledges(frame)
+        self.packet_in_count += self._time.has_begun and not is_without_data(frame)
 
     def time_passed(self) -> None:
         self._lines.time_passed(self._clock())

@@ -76,13 +76,12 @@ def is_tcp(frame: bytes) -> bool:
     return frame[23:24] == bytes([IP_TCP])
 
 
-def only_acknowledges(frame: bytes) -> bool:
-    """Tell whether a frame is a TCP segment with nothing but an acknowledgement."""
+def is_without_data(frame: bytes) -> bool:
+    """Tell whether a frame is a TCP segment that acknowledges, opens or closes, and no more."""
     try:
-        segment = parse(frame)
+        return not parse(frame).payload
     except MalformedPacket:
         return False
-    return segment.flags == ACK and not segment.payload
 
 
 def parse(frame: bytes) -> Segment:

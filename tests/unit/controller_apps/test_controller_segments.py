@@ -12,7 +12,7 @@ from controller_apps.packets.segments import (
     ETHERNET_LENGTH,
     FiveTuple,
     checksum,
-    only_acknowledges,
+    is_without_data,
     parse,
 )
 from wire.malformed import MalformedPacket
@@ -35,19 +35,19 @@ def test_fin_and_rst_close(flags: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("read", "bare"),
+    ("read", "empty"),
     [
         (frame(flags="A"), True),
         (frame(flags="A") + b"\0" * 6, True),
         (frame(b"x", flags="A"), False),
-        (frame(flags="SA"), False),
-        (frame(flags="FA"), False),
+        (frame(flags="SA"), True),
+        (frame(b"x", flags="FA"), False),
         (frame(flags="A")[:40], False),
         (bytes(60), False),
     ],
 )
-def test_a_segment_that_only_acknowledges_is_told_from_others(read: bytes, bare: bool) -> None:
-    assert only_acknowledges(read) is bare
+def test_a_segment_without_data_is_told_from_others(read: bytes, empty: bool) -> None:
+    assert is_without_data(read) is empty
 
 
 @pytest.mark.parametrize("length", [0, 1, 76, 77, 1000])
