@@ -62,7 +62,10 @@ def test_a_terminal_that_closes_leaves_nothing(
     assert os.waitstatus_to_exitcode(ended) == status
     (result,) = tmp_path.glob("2*/result.json")
     number = signal.Signals(status - 128).name
-    assert schema.read_left(result.parent).error == f"interrupted by {number}"
+    causes = [f"interrupted by {number}"]
+    if hangup is signal.SIG_IGN:  # its bar of progress may come first
+        causes.append("standard output cannot be written: Input/output error")
+    assert schema.read_left(result.parent).error in causes
 
 
 @pytest.mark.by_day(every=2)
