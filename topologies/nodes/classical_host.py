@@ -102,7 +102,7 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
         """
         within(self, repeat_nothing)
         dispatcher, _, _port = self.network.dispatcher.partition(":")
-        route = self.cmd(f"ip route show dev {self.defaultIntf()}").strip()
+        route = self.cmd(f"ip -color=never route show dev {self.defaultIntf()}").strip()
         is_there = self.IP() == dispatcher
         self._route("change", route, REPEATS if is_there else PATIENT)
         if dispatcher and not is_there:
