@@ -1,4 +1,4 @@
-"""Makes docs/time.png anew: fidelity over T2, stepped and paced, beside programs that compute.
+"""Draws docs/time.png: fidelity over T2, stepped and paced, while other programs compute.
 
 `python setup/time_picture.py`, as root: some four minutes.
 """

@@ -10,6 +10,7 @@ from math import inf, isfinite
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.openflow.framework import hub
+from controller_apps.packets.segments import SYN
 from wire.network_time import CONTROLLER, NEVER, TICKS, GateClient, NetworkTime, SteppedTime
 
 NS = 1_000_000_000
@@ -45,7 +46,7 @@ class Ticks:
 
 
 # Of a frame with TCP over IPv4: addresses and ports, and the octet of flags.
-ENDS, FLAGS, SYN = slice(26, 38), 47, 0x02
+ENDS, FLAGS = slice(26, 38), 47
 
 
 class Instants:

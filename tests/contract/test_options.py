@@ -55,51 +55,51 @@ OF_FIBERS = sorted(OPTIONS.keys() & FIBER.keys() - {"channels"})
 def test_a_setting_of_a_program_comes_to_it_alone(program: str, name: str) -> None:
     words = spelled(name)
     value = getattr(options(*words), name)
-    told = changes(words)
-    assert told.pop(f"{program}.{name}") == (list(value) if isinstance(value, tuple) else value)
+    found = changes(words)
+    assert found.pop(f"{program}.{name}") == (list(value) if isinstance(value, tuple) else value)
     also = {"controller.rest_fd", "controller.rest_token"} if name == "rest" else set()
-    assert told.keys() == also
+    assert found.keys() == also
 
 
 @pytest.mark.parametrize("name", OF_FIBERS)
 def test_an_option_of_every_fibre_is_its_setting(name: str) -> None:
     words = spelled(name)
     value = getattr(options(*words), name)
-    told = changes(words)
+    found = changes(words)
     if name == "length_km":  # copper is as long: test_physical_settings.py
-        told = {path: each for path, each in told.items() if ".fibers." in path}
-    assert told == {f"dispatcher.fibers.{number}.{name}": value for number in range(len(FIBERS))}
+        found = {path: each for path, each in found.items() if ".fibers." in path}
+    assert found == {f"dispatcher.fibers.{number}.{name}": value for number in range(len(FIBERS))}
 
 
-def cables(told: Flat, name: str) -> list[Any]:
+def cables(found: Flat, name: str) -> list[Any]:
     """Return a number of each cable that packets are held back on."""
-    return [value for path, value in told.items() if path.endswith(f".{name}")]
+    return [value for path, value in found.items() if path.endswith(f".{name}")]
 
 
-def switches_of(told: Flat) -> set[str]:
-    return set(numbered(told, "dispatcher.switches", "name"))
+def switches_of(found: Flat) -> set[str]:
+    return set(numbered(found, "dispatcher.switches", "name"))
 
 
-def numbered(told: Flat, where: str, name: str) -> Iterator[Any]:
+def numbered(found: Flat, where: str, name: str) -> Iterator[Any]:
     """Yield a field of each of a list."""
     number = 0
-    while (path := f"{where}.{number}.{name}") in told:
-        yield told[path]
+    while (path := f"{where}.{number}.{name}") in found:
+        yield found[path]
         number += 1
 
 
-def devices(told: Flat) -> set[str]:
+def devices(found: Flat) -> set[str]:
     """Return the hosts that have light."""
-    return {path.split(".")[2] for path in told if path.startswith("dispatcher.devices.")}
+    return {path.split(".")[2] for path in found if path.startswith("dispatcher.devices.")}
 
 
-def fibers_between(told: Flat, one: str, other: str) -> int:
-    ends = [list(numbered(told, "dispatcher.fibers", f"{end}.node")) for end in "ab"]
+def fibers_between(found: Flat, one: str, other: str) -> int:
+    ends = [list(numbered(found, "dispatcher.fibers", f"{end}.node")) for end in "ab"]
     return sum({*pair} == {one, other} for pair in zip(*ends, strict=True))
 
 
-def sources(told: Flat) -> set[str]:
-    return {told[f"{host}.source"] for host in devices(told)}
+def sources(found: Flat) -> set[str]:
+    return {found[f"{host}.source"] for host in devices(found)}
 
 
 DELAY_S = 20.4e3 / 2.04e8  # of 20.4 km
@@ -107,106 +107,112 @@ DELAY_S = 20.4e3 / 2.04e8  # of 20.4 km
 CASES: dict[str, tuple[list[str], Callable[[Flat], bool]]] = {
     "controller": (
         ["--controller", "os-ken"],
-        lambda told: told["controller.framework"] == "os-ken",
+        lambda found: found["controller.framework"] == "os-ken",
     ),
     "openflow_port": (
         ["--openflow-port", "7000"],
-        lambda told: (
-            (told["controller.listen"], told["q1.controllers"])
+        lambda found: (
+            (found["controller.listen"], found["q1.controllers"])
             == ("0.0.0.0:7000", ["198.18.1.1:7000"])
         ),
     ),
-    "copper_km": (["--copper-km", "20.4"], lambda told: cables(told, "delay_s") == [DELAY_S] * 6),
-    "copper_mbps": (["--copper-mbps", "7"], lambda told: cables(told, "mbps").count(7.0) == 5),
-    "control_km": (["--control-km", "20.4"], lambda told: cables(told, "delay_s") == [DELAY_S] * 2),
-    "control_loss": (["--control-loss", "0.25"], lambda told: cables(told, "loss") == [0.25] * 2),
+    "copper_km": (["--copper-km", "20.4"], lambda found: cables(found, "delay_s") == [DELAY_S] * 6),
+    "copper_mbps": (["--copper-mbps", "7"], lambda found: cables(found, "mbps").count(7.0) == 5),
+    "control_km": (
+        ["--control-km", "20.4"],
+        lambda found: cables(found, "delay_s") == [DELAY_S] * 2,
+    ),
+    "control_loss": (["--control-loss", "0.25"], lambda found: cables(found, "loss") == [0.25] * 2),
     "controller_delay": (
         ["--controller-delay", "1ms"],
-        lambda told: cables(told, "a_software") == ["1ms"] * 2,
+        lambda found: cables(found, "a_software") == ["1ms"] * 2,
     ),
     "host_delay": (
         ["--host-delay", "1ms"],
-        lambda told: cables(told, "a_software").count("1ms") == len(HOSTS),
+        lambda found: cables(found, "a_software").count("1ms") == len(HOSTS),
     ),
     "switch_agent_delay": (
         ["--switch-agent-delay", "1ms"],
-        lambda told: "1ms" in cables(told, "a_software") + cables(told, "b_software"),
+        lambda found: "1ms" in cables(found, "a_software") + cables(found, "b_software"),
     ),
     "tls": (
         ["--tls"],
-        lambda told: (
-            all(f"{name}.credentials.private_key" in told for name in (*HOSTS, "dispatcher", "q1"))
-            and told["controller.listen"].startswith("127.0.0.1:")
+        lambda found: (
+            all(f"{name}.credentials.private_key" in found for name in (*HOSTS, "dispatcher", "q1"))
+            and found["controller.listen"].startswith("127.0.0.1:")
         ),
     ),
-    "keys": (["--keys", "KEYS"], lambda told: told["bob.keys"].endswith("/KEYS/bob")),
+    "keys": (["--keys", "KEYS"], lambda found: found["bob.keys"].endswith("/KEYS/bob")),
     "metrics": (
         ["--metrics"],
-        lambda told: (
-            None not in [told[f"{name}.metrics_fd"] for name in ("dispatcher", "controller", "q1")]
+        lambda found: (
+            None not in [found[f"{name}.metrics_fd"] for name in ("dispatcher", "controller", "q1")]
         ),
     ),
-    "gnmi": (["--gnmi"], lambda told: bool(told["q1.gnmi"]) and told["q1.gnmi_fd"] is not None),
+    "gnmi": (["--gnmi"], lambda found: bool(found["q1.gnmi"]) and found["q1.gnmi_fd"] is not None),
     "seed": (
         ["--seed", "7"],
-        lambda told: {told[f"{name}.seed"] for name in (*HOSTS, "dispatcher", "copper")} == {7},
+        lambda found: {found[f"{name}.seed"] for name in (*HOSTS, "dispatcher", "copper")} == {7},
     ),
     "time": (
         ["--time", "paced=3"],
-        lambda told: {v for path, v in told.items() if path.endswith("time_scale")} == {3.0},
+        lambda found: {v for path, v in found.items() if path.endswith("time_scale")} == {3.0},
     ),
     "channels": (
         ["--channels", "2"],
-        lambda told: [*numbered(told, "dispatcher.fibers", "channel")] == [1, 2] * 5,
+        lambda found: [*numbered(found, "dispatcher.fibers", "channel")] == [1, 2] * 5,
     ),
-    "map": (["--topology", MAP], lambda told: len(switches_of(told)) == 12),  # of SNDlib's Abilene
+    "map": (
+        ["--topology", MAP],
+        lambda found: len(switches_of(found)) == 12,
+    ),  # of SNDlib's Abilene
     "hosts_at": (
         ["--topology", f"{MAP},hosts_at=dnvrng,sttlng"],
-        lambda told: devices(told) == {"dnvrng", "sttlng", "src"},
+        lambda found: devices(found) == {"dnvrng", "sttlng", "src"},
     ),
     "sources_at": (
         ["--topology", f"{MAP},sources_at=dnvrng,sttlng"],
-        lambda told: sources(told) == {"src1", "src2"},
+        lambda found: sources(found) == {"src1", "src2"},
     ),
     "repeaters_at": (
         ["--topology", f"{MAP},repeaters_at=dnvrng"],
-        lambda told: (
+        lambda found: (
             {
                 host
-                for host in devices(told)
-                if sum(fibers_between(told, host, f"q{number}") for number in range(1, 13)) == 2
+                for host in devices(found)
+                if sum(fibers_between(found, host, f"q{number}") for number in range(1, 13)) == 2
             }
             == {"dnvrng", "src"}
         ),
     ),
     "fibers": (
         ["--topology", "chain,fibers=5"],
-        lambda told: fibers_between(told, "q1", "q2") == 5,
+        lambda found: fibers_between(found, "q1", "q2") == 5,
     ),
     "repeaters": (
         ["--topology", "repeaters,3"],
-        lambda told: {"r1", "r2", "r3"} <= devices(told),
+        lambda found: {"r1", "r2", "r3"} <= devices(found),
     ),
     "stations": (
         ["--topology", "repeaters,stations"],
-        lambda told: told["alice.stations"] == ["m1", "m2"],
+        lambda found: found["alice.stations"] == ["m1", "m2"],
     ),
-    "hosts": (["--topology", "tree,5"], lambda told: len(devices(told)) == 5),
+    "hosts": (["--topology", "tree,5"], lambda found: len(devices(found)) == 5),
     "switches": (
         ["--topology", "ring,5"],
-        lambda told: switches_of(told) == {"q1", "q2", "q3", "q4", "q5"},
+        lambda found: switches_of(found) == {"q1", "q2", "q3", "q4", "q5"},
     ),
     "leaves": (
         ["--topology", "leaf-spine,4"],
-        lambda told: len(switches_of(told)) == 6,
+        lambda found: len(switches_of(found)) == 6,
     ),
     "spines": (
         ["--topology", "leaf-spine,spines=3"],
-        lambda told: len(switches_of(told)) == 6,
+        lambda found: len(switches_of(found)) == 6,
     ),
     "both_ways": (
         ["--topology", "sdc,both_ways"],
-        lambda told: fibers_between(told, "alice", "q1") == 2,
+        lambda found: fibers_between(found, "alice", "q1") == 2,
     ),
 }
 

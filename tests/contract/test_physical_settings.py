@@ -131,25 +131,25 @@ def test_a_setting_of_fibres_comes_to_the_dispatcher_for_those_that_are_named(
 
 
 def test_the_copper_beside_a_fibre_is_as_long() -> None:
-    told = changes(["--fiber", "alice-q1.length_km=204"])  # a millisecond of light
-    assert told.pop("dispatcher.fibers.0.length_km") == 204.0
+    changed = changes(["--fiber", "alice-q1.length_km=204"])  # a millisecond of light
+    assert changed.pop("dispatcher.fibers.0.length_km") == 204.0
     ways = [f"dispatcher.news_s.{way}" for way in ("alice.s1", "s1.alice")]
-    delays = [told.pop(name) for name in (*ways, "copper.cables.0.delay_s")]
+    delays = [changed.pop(name) for name in (*ways, "copper.cables.0.delay_s")]
     assert delays == pytest.approx([1e-3] * 3, rel=1e-3)  # and 10 m from q1 to s1
-    assert all(name.startswith("copper.cables") for name in told)
+    assert all(name.startswith("copper.cables") for name in changed)
 
 
 def test_a_fibre_of_two_channels_has_two_pairs_of_ports() -> None:
-    told = configurations("--fiber", "alice-q1.channels=2")
-    first, second = (fiber for fiber in told["dispatcher"]["fibers"] if fiber["channels"] == 2)
+    changed = configurations("--fiber", "alice-q1.channels=2")
+    first, second = (fiber for fiber in changed["dispatcher"]["fibers"] if fiber["channels"] == 2)
     assert [first["channel"], second["channel"]] == [1, 2]
-    assert told["alice"]["qnics"] == [first["a"]["port"], second["a"]["port"]]
-    assert told["alice"]["channels_mhz"] == {
+    assert changed["alice"]["qnics"] == [first["a"]["port"], second["a"]["port"]]
+    assert changed["alice"]["channels_mhz"] == {
         first["a"]["port"]: 193_400_000,
         second["a"]["port"]: 193_500_000,
     }
     ports = {int(first["b"]["port"]), int(second["b"]["port"])}
-    assert ports <= set(told["q1"]["fiber_ports"])
+    assert ports <= set(changed["q1"]["fiber_ports"])
 
 
 @pytest.mark.parametrize("setting", SWITCH)
@@ -157,32 +157,32 @@ def test_a_setting_of_a_switch_comes_to_the_dispatcher(setting: str) -> None:
     value = another(SWITCH[setting])
     agent = {f"q1.{setting}": value} if setting in ("analysers", "memories", "sources") else {}
     for place in ("", "q1."):
-        told = changes(["--switch", f"{place}{setting}={text(value)}"])
-        assert told == {f"dispatcher.switches.0.{setting}": value, **agent}, place
+        changed = changes(["--switch", f"{place}{setting}={text(value)}"])
+        assert changed == {f"dispatcher.switches.0.{setting}": value, **agent}, place
 
 
 def test_a_setting_of_a_part_of_a_switch_comes_to_the_dispatcher() -> None:
-    told = changes(["--switch", "q1.memories=2", "--switch", "memory.t2_s=0.5"])
-    assert told.pop("q1.memories") == told.pop("dispatcher.switches.0.memories") == 2
-    assert told == {"q1.memory.t2_s": 0.5, "dispatcher.switches.0.memory.t2_s": 0.5}
+    changed = changes(["--switch", "q1.memories=2", "--switch", "memory.t2_s=0.5"])
+    assert changed.pop("q1.memories") == changed.pop("dispatcher.switches.0.memories") == 2
+    assert changed == {"q1.memory.t2_s": 0.5, "dispatcher.switches.0.memory.t2_s": 0.5}
 
 
 @pytest.mark.parametrize("kind", NODE_KINDS)
 def test_a_kind_of_node_comes_to_the_dispatcher_as_it_is_catalogued(kind: str) -> None:
     wanted = json.loads(json.dumps(asdict(node_device(kind, Device()))))
     for host, node in ((None, kind), ("bob", f"bob={kind}")):
-        told = configurations("--node", node)["dispatcher"]["devices"]
+        changed = configurations("--node", node)["dispatcher"]["devices"]
         for name in HOSTS:
             if host in (None, name) and name != "charlie":
-                assert told[name] == wanted
+                assert changed[name] == wanted
             elif host:
-                assert told[name] == json.loads(json.dumps(asdict(Device())))
+                assert changed[name] == json.loads(json.dumps(asdict(Device())))
 
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_preset_comes_to_the_dispatcher_as_it_is_catalogued(preset: str) -> None:
-    told = configurations("--preset", preset)["dispatcher"]
+    changed = configurations("--preset", preset)["dispatcher"]
     wanted = PRESETS[preset]
-    for fiber in told["fibers"]:
+    for fiber in changed["fibers"]:
         assert {name: fiber[name] for name in wanted.fiber} == wanted.fiber
-    assert told["devices"]["alice"] == json.loads(json.dumps(asdict(wanted.device)))
+    assert changed["devices"]["alice"] == json.loads(json.dumps(asdict(wanted.device)))

@@ -129,7 +129,7 @@ def packets_in() -> Iterator[Callable[[], str]]:
             return heard.read()
 
         try:
-            wait_until(text, "it has told of the entries that there are")
+            wait_until(text, "it has figures of the entries that there are")
             yield text
         finally:
             monitor.terminate()
@@ -146,12 +146,12 @@ def require_swap(network: Network, curl: Curl) -> None:
     ports = {port["port_no"]: port for port in curl(f"portdesc/{Q1}")}
     assert (ports[FIRST]["name"], ports[SECOND]["name"]) == ("q1-bell1a", "q1-bell1b")
     with packets_in() as heard:
-        told = swapped(network, count=5000, sample=0.2)
-        assert (told["pairs"], told["fidelity"]) == (5000, 1)
+        figures = swapped(network, count=5000, sample=0.2)
+        assert (figures["pairs"], figures["fidelity"]) == (5000, 1)
         text = f"in_port={FIRST} (via "
         wait_until(lambda: text in heard(), "outcomes are a PACKET_IN", 10)
     counted = {curl(f"port/{Q1}/{port}")[0]["tx_packets"] for port in (FIRST, SECOND)}
-    assert counted == {told["emitted"]}
+    assert counted == {figures["emitted"]}
     (entry,) = [flow for flow in curl(f"flow/{Q1}") if flow["match"] == {"in_port": FIRST}]
     assert entry["packet_count"] >= 3  # two frames of each block of 4,000
     require_nothing_left(network)
@@ -181,9 +181,9 @@ def test_noise_of_sources_and_of_the_analyser_is_as_the_closed_form_says(tmp_pat
     with swapping(tmp_path, fidelity=FIDELITY, visibility=VISIBILITY) as (network, curl):
         hosts = [each for host in ("alice", "bob") for each in to_host(network, host)]
         curl.add(FIRST, *hosts)  # it takes the place of the one that tells everybody
-        told = swapped(network, count=4000, sample=0.5)
+        figures = swapped(network, count=4000, sample=0.5)
     # F = (1 + XX - YY + ZZ)/4, each of a third of the sample; no correlation varies by more than 1.
-    assert abs(told["fidelity"] - expected) < 5 * sqrt(9 / 16 / told["sampled"])
+    assert abs(figures["fidelity"] - expected) < 5 * sqrt(9 / 16 / figures["sampled"])
 
 
 def test_halves_wait_in_memories_until_entries_release_them(tmp_path: Path) -> None:
@@ -218,12 +218,12 @@ def require_dephased(network: Network) -> None:
     """
     log = network.runtime.logs / "quantum.log"
     before = len(log.read_text())
-    told = swapped(network, count=4000, sample=0.5)
+    figures = swapped(network, count=4000, sample=0.5)
     waited = waits(log, before)
     waited_s = sum(waited) / (len(waited) / 2)
     assert waited_s > 0.9e-4  # bob's were there first by more than light takes from him to alice
     expected = (1 + exp(-waited_s / T2_S)) / 2
-    assert abs(told["fidelity"] - expected) < 5 * sqrt(9 / 16 / told["sampled"])
+    assert abs(figures["fidelity"] - expected) < 5 * sqrt(9 / 16 / figures["sampled"])
     require_nothing_left(network)
 
 
@@ -253,9 +253,9 @@ def test_a_chain_of_switches_has_pairs_as_the_closed_form_says(
     assert least < kept < most
     werner = ((4 * FIDELITY - 1) / 3) ** 4
     expected = (1 + werner * (1 + 2 * kept)) / 4
-    told = result["job"]["asking"]
+    figures = result["job"]["asking"]
     assert "identical" in run_qmn("replay", str(tmp_path / "latest")).stdout
-    assert abs(told["fidelity"] - expected) < 5 * sqrt(9 / 16 / told["sampled"])
+    assert abs(figures["fidelity"] - expected) < 5 * sqrt(9 / 16 / figures["sampled"])
 
 
 def test_a_failed_analyser_and_a_killed_controller_end_sessions_by_name(tmp_path: Path) -> None:

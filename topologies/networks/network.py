@@ -208,9 +208,10 @@ class Network:
 
     def _capture_beginnings(self) -> None:
         """Capture before connections begin: Wireshark needs the first bytes of gRPC and TLS."""
-        if sizes := self._packet_bytes:
-            switches = self.copper_switches
-            self.captured = self.capture(*switches, openflow=True, packet_bytes=sizes)
+        if self._packet_bytes:
+            self.captured = self.capture(
+                *self.copper_switches, openflow=True, packet_bytes=self._packet_bytes
+            )
         elif self.runtime.settings.tls and self.runtime.log_folder is not None:
             self.capture_openflow()
 
