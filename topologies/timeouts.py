@@ -2,6 +2,7 @@
 
 # Programs
 READY_TIMEOUT_S = 20.0  # until a program is ready, or captures
+PROGRAM_S = 0.5  # more, of each program that starts beside it: alone it takes 0.2 s
 QUIET_START_S = 5.0  # of a start, before it says what it waits for, and then again
 LEAP_TIMEOUT_S = 60.0  # until stepped time has reached an instant for which the runner waits
 STOP_TIMEOUT_S = 5.0  # until one that was asked to has ended; then, until one that is killed has
@@ -37,6 +38,7 @@ INTERFACE_S = 0.1  # more, of each interface that it may add or take away: in qu
 VSCTL_GRACE_S = 5.0  # after the time-out of its own
 STAY_S = 0.5  # that no interface has gone in: the others stay until they are deleted
 PROBE_MS = 5000  # without a word of the controller, until Open vSwitch by itself asks for one
+STEPPED_PROBE_MS = 60_000  # the same, where time is stepped: a slow machine changes no result
 BUSY_MS = 20  # that a controller may need for each host before it answers
 RECONNECT_MS = 1000  # between a bridge's attempts to find its controller, at most
 

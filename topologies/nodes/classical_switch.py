@@ -14,7 +14,7 @@ from topologies.nodes.reached import as_reached
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.open_vswitch.bridge_words import bridge_words
 from topologies.system.runs import runtime
-from topologies.timeouts import BUSY_MS, PROBE_MS, RECONNECT_MS
+from topologies.timeouts import BUSY_MS, PROBE_MS, RECONNECT_MS, STEPPED_PROBE_MS
 
 PATIENCE = 8  # times the way to the controller
 # Packets a second for the controller, some four of them for a session: more wait, in a queue for
@@ -129,12 +129,15 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
     def _patience(self, controller: str) -> dict[str, int]:
         """Let Open vSwitch wait as long for a controller as the way there takes.
 
-        And, for its answer, as long as one needs that takes in a large network at its start.
+        And, for its answer, as long as one needs that takes in a large network at its start; where
+        time is stepped, no program is late.
         """
         way_s = self.network.copper.get(frozenset((controller, self.name)), 0.0)
         wait_ms = round(1e3 * PATIENCE * self.network.time.wall_s(way_s))
         settings = {"max_backoff": max(wait_ms, RECONNECT_MS)}  # Open vSwitch's own is 8 s
         busy_ms = BUSY_MS * len(self.network.addresses)
+        if self.network.stepped:
+            busy_ms = STEPPED_PROBE_MS
         if wait_ms >= RECONNECT_MS or busy_ms > PROBE_MS:
             settings["inactivity_probe"] = max(wait_ms, busy_ms)
         return settings

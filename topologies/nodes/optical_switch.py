@@ -138,7 +138,13 @@ class OpticalSwitch(ClassicalSwitch):
         self.launch(controllers)
         assert self.program is not None
         self.program.wait_for("ready", READY_TIMEOUT_S)
-        self._obey({target: {"max_backoff": RECONNECT_MS} for target in self._targets})
+        names = [""] if self.controller_port is not None else [each.name for each in controllers]
+        self._obey(
+            {
+                target: self._patience(name) | {"max_backoff": RECONNECT_MS}
+                for target, name in zip(self._targets, names, strict=True)
+            }
+        )
 
     def _credentials(self) -> Credentials | None:
         if not self.network.settings.tls or self.controller_port is not None:

@@ -32,6 +32,12 @@ def test_a_large_network_waits_longer_for_its_controller(switch: ClassicalSwitch
     assert settings["inactivity_probe"] > 2 * PROBE_MS
 
 
+def test_where_time_is_stepped_a_slow_machine_loses_no_switch(switch: ClassicalSwitch) -> None:
+    switch.network.remove()
+    switch.network = Runtime(stepped=True)
+    assert switch._patience("c0")["inactivity_probe"] > 10 * PROBE_MS
+
+
 def test_a_far_controller_is_waited_for_longer_than_there_and_back(switch: ClassicalSwitch) -> None:
     switch.network.copper[frozenset(("c0", "s1"))] = 2.0
     assert switch._patience("c0")["inactivity_probe"] > 2 * 2_000
