@@ -49,6 +49,7 @@ from topologies.timeouts import (
     END_TIMEOUT_S,
     INTERFACE_S,
     POLL_S,
+    PROGRAM_S,
     READY_TIMEOUT_S,
     STOPPED_LOOK_S,
     STOPPED_TIMEOUT_S,
@@ -235,8 +236,10 @@ class Network:
             stop_all([program for program in programs if program.name not in last])
 
     def _wait_until_ready(self) -> None:
-        for program in list(self.runtime.programs):
-            program.wait_for("ready", READY_TIMEOUT_S, partial(self._check_start, program.name))
+        programs = list(self.runtime.programs)
+        limit_s = READY_TIMEOUT_S + PROGRAM_S * len(programs)
+        for program in programs:
+            program.wait_for("ready", limit_s, partial(self._check_start, program.name))
             self._signals.check()
         finding = "the controller to find switches and fibres"
         Discovery(self.net, self.runtime).wait(partial(self._check_start, finding))
