@@ -207,7 +207,7 @@ def test_halves_wait_in_memories_until_entries_release_them(tmp_path: Path) -> N
 
 def waits(log: Path, begin: int = 0) -> list[float]:
     """Return how long blocks have waited in memories of switches, by the event log."""
-    found = re.findall(r"q\d-memory\d .*recall.* after (\S+) s", log.read_text()[begin:])
+    found = re.findall(r"q\d+-memory\d .*recall.* after (\S+) s", log.read_text()[begin:])
     return list(map(float, found))
 
 
@@ -227,31 +227,38 @@ def require_dephased(network: Network) -> None:
     require_nothing_left(network)
 
 
-@pytest.mark.parametrize("schedule", ["parallel", "nested"])
+@pytest.mark.parametrize(
+    ("switches", "schedule", "source", "t2_s", "least", "most"),
+    [
+        (3, "parallel", FIDELITY, T2_S, 0.1, 0.2),
+        (3, "nested", FIDELITY, T2_S, 0.05, 0.1),  # who waits, waits longer
+        pytest.param(1, "parallel", FIDELITY, T2_S, 0.5, 0.8, marks=pytest.mark.nightly),
+        pytest.param(64, "parallel", 0.995, 0.1, 0.6, 0.8, marks=pytest.mark.nightly),
+    ],
+)
 def test_a_chain_of_switches_has_pairs_as_the_closed_form_says(
-    tmp_path: Path, schedule: str
+    tmp_path: Path,
+    switches: int,
+    schedule: str,
+    source: float,
+    t2_s: float,
+    least: float,
+    most: float,
 ) -> None:
     # Werner links: F = (1 + 3 w)/4, and w multiplies; a wait t keeps X and Y with exp(-t/T2).
-    settings = [f"{host}.source.fidelity={FIDELITY}" for host in ("alice", "bob")]
-    words = ["--topology", "chain,3", "--length-km", "10", "--count", "4000", "--sample", "0.5"]
-    words += [word for each in settings for word in ("--device", each)]
-    words += [
-        "--schedule",
-        schedule,
-        "--switch",
-        f"memory.t2_s={T2_S}",
-        "--switch",
-        f"source.fidelity={FIDELITY}",
-    ]
+    words = ["--topology", f"chain,{switches}", "--length-km", "10", "--schedule", schedule]
+    words += ["--count", "4000", "--sample", "0.5", "--switch", f"memory.t2_s={t2_s}"]
+    words += ["--switch", f"source.fidelity={source}"]
+    for host in ("alice", "bob"):
+        words += ["--device", f"{host}.source.fidelity={source}"]
     done = run_qmn("run", "switch_swap", *words, "--without", "report", "--runs", str(tmp_path))
     assert done.returncode == 0, done.stdout + done.stderr
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
     assert result["time"] == "stepped"
     waited = waits(tmp_path / "latest" / "quantum.log")
-    kept = exp(-sum(waited) / (len(waited) / 6) / T2_S)  # of six memories
-    least, most = (0.1, 0.2) if schedule == "parallel" else (0.05, 0.1)  # who waits, waits longer
+    kept = exp(-sum(waited) / (len(waited) / (2 * switches)) / t2_s)  # of two memories a switch
     assert least < kept < most
-    werner = ((4 * FIDELITY - 1) / 3) ** 4
+    werner = ((4 * source - 1) / 3) ** (switches + 1)
     expected = (1 + werner * (1 + 2 * kept)) / 4
     figures = result["job"]["asking"]
     assert "identical" in run_qmn("replay", str(tmp_path / "latest")).stdout
