@@ -40,12 +40,13 @@ from hosts.serving.processing import Attending, Sessions, processing_unit
 from hosts.timeouts import ANSWER_TIMEOUT_S
 from wire.config import STANDING, HostConfig
 from wire.features import HERALD
+from wire.light import Role
 from wire.metadata.header import session_number
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Handshake, MemoryState, Reason, Service, Verdict
 from wire.optical import ANY_WAVELENGTH
 from wire.parameters.checks import remedy
-from wire.services import HERALDED_LIGHT, Role
+from wire.services import HERALDED_LIGHT
 
 log = logging.getLogger("stack")
 

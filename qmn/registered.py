@@ -8,6 +8,7 @@ from importlib.metadata import EntryPoint, entry_points
 
 VERBS = "qmn.verbs"  # by heading, verb: module and help
 JOBS = "qmn.jobs"  # of `qmn run`: a module with HELP and describe(parser)
+SERVICE_VERBS = "qmn.service_verbs"  # qmn.requests.service_verbs.Verb, by its name
 REQUESTS = "qmn.requests"  # dataclass of a request, by the service that a result names
 PROGRAMS = "qmn.programs"  # qmn.network.programs.NetworkProgram, for `qmn cli`
 JOB = "the job"  # group of a job's own options

@@ -1,5 +1,7 @@
 """The title of a run on a page: its job in words, before the name of its folder."""
 
+from wire.light import registered_services
+
 TITLES = {
     "sdc": "Superdense coding",
     "teleport": "Teleportation",
@@ -8,7 +10,6 @@ TITLES = {
     "ghz": "GHZ states",
     "graph": "Graph states",
     "conference": "Conference keys",
-    "sense": "Distributed sensing",
     "bb84": "BB84",
     "bbm92": "BBM92",
     "e91": "E91",
@@ -18,7 +19,7 @@ TITLES = {
     "keys": "Key managers",
     "vpn": "VPN",
     "netqasm": "NetQASM",
-}
+} | {service.name: service.title for service in registered_services()}
 
 
 def title_of(folder: str) -> str:

@@ -1,26 +1,30 @@
 """The services that hosts ask for, the light that each needs, and what its hosts must be able to.
 
-A service is an entry here and in wire.metadata.vocabulary.Service, and a file in
-hosts/middleware/services. The controller opens the paths of LIGHT between hosts with the features
-of NEEDS, and knows no more of it.
+A service of the core is an entry here and in wire.metadata.vocabulary.Service, and a file in
+hosts/middleware/services; packages add others (wire.light). The controller opens the paths of
+LIGHT between hosts with the features of NEEDS, and knows no more of it.
 """
 
 from collections.abc import Mapping
 from enum import Enum
 from functools import cache
 from types import MappingProxyType
-from typing import NamedTuple
 
 from wire.features import ABSORB, EMIT, GATE, HERALD, INTERFERE, MEASURE, NOTHING, STORE, Feature
+from wire.light import (
+    ACCEPTOR,
+    OPENER,
+    PAIRS,
+    REPEATER,
+    SOURCE,
+    TO_NEXT,
+    Beam,
+    FiberOf,
+    Role,
+    registered_services,
+)
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import MemoryState, Reason, Service
-
-
-class Role(Enum):
-    OPENER = "opener"
-    ACCEPTOR = "acceptor"
-    SOURCE = "source"
-    REPEATER = "repeater"  # between them, chosen by the controller; it has no place in LIGHT
 
 
 class Making(Enum):
@@ -31,26 +35,7 @@ class Making(Enum):
     STATION = "station"  # a third host, which heralds pairs of qubits that emit at either end
 
 
-class FiberOf(NamedTuple):
-    """A fibre of the host in a role, by its place among those of this host; -1 is its last."""
-
-    role: Role
-    place: int
-
-
-class Beam(NamedTuple):
-    """One way of light, from fibre to fibre."""
-
-    start: FiberOf
-    end: FiberOf
-
-
-OPENER, ACCEPTOR, SOURCE, REPEATER = Role
-
-PAIRS = (
-    Beam(FiberOf(SOURCE, 0), FiberOf(OPENER, 0)),  # half 0 of each pair
-    Beam(FiberOf(SOURCE, 1), FiberOf(ACCEPTOR, 0)),  # half 1
-)
+REGISTERED = {Service(each.number): each for each in registered_services()}
 LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
     {
         # One photon of each pair goes by way of the opener, the other straight to the acceptor.
@@ -71,14 +56,14 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
         ),
         Service.SWAP: (),  # its links have it
         Service.SWITCH_SWAP: (),  # who programs the switch, opens it
-        Service.LINK: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
-        Service.GHZ: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
-        Service.GRAPH: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
-        Service.SENSE: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
-        Service.CONFERENCE: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
+        Service.LINK: TO_NEXT,
+        Service.GHZ: TO_NEXT,
+        Service.GRAPH: TO_NEXT,
+        Service.CONFERENCE: TO_NEXT,
         # Its pairs come by the light of the session that it goes back on: either half of them
         # is at hand at either host, and who sends passes its own on.
         Service.SDC_RETURN: (Beam(FiberOf(OPENER, 0), FiberOf(ACCEPTOR, 1)),),
+        **{service: each.light for service, each in REGISTERED.items()},
     }
 )
 # Services whose pairs come by light of a session that stands between the same hosts, and was
@@ -86,12 +71,16 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
 RETURNS: Mapping[Service, Service] = MappingProxyType({Service.SDC_RETURN: Service.SDC})
 # Services of lines of hosts, each of which opens a session with the next: they count on from the
 # number of the first.
-LINES = frozenset({Service.GHZ, Service.CONFERENCE, Service.SENSE, Service.GRAPH})
+LINES = frozenset(
+    {Service.GHZ, Service.CONFERENCE, Service.GRAPH}
+    | {service for service, each in REGISTERED.items() if each.line}
+)
 
 
 # Where the opener is the source, of services that can do with that: it keeps half of each pair.
 OWN_LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
-    dict.fromkeys((Service.DISTRIBUTE, Service.TELEPORT, Service.SEAL), LIGHT[Service.LINK])
+    dict.fromkeys((Service.DISTRIBUTE, Service.TELEPORT, Service.SEAL), TO_NEXT)
+    | {service: each.own_light for service, each in REGISTERED.items() if each.own_light}
 )
 # Where memories emit and a station heralds, in place of a source.
 HERALDED_LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
@@ -125,7 +114,6 @@ NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
         Service.MDI: {SOURCE: INTERFERE, OPENER: EMIT, ACCEPTOR: EMIT},
         Service.GHZ: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: ABSORB | STORE | MEASURE},
         Service.GRAPH: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: ABSORB | STORE | MEASURE},
-        Service.SENSE: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: ABSORB | STORE | MEASURE},
         Service.CONFERENCE: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: ABSORB | STORE | MEASURE},
         Service.SWAP: {
             OPENER: EMIT | STORE,
@@ -134,6 +122,7 @@ NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
         },
         Service.LINK: {OPENER: EMIT | STORE, ACCEPTOR: ABSORB | STORE},
         Service.SWITCH_SWAP: {OPENER: EMIT | STORE, ACCEPTOR: EMIT | STORE},
+        **{service: each.needs for service, each in REGISTERED.items()},
     }
 )
 HERALDED_NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
@@ -200,6 +189,11 @@ def needs(service: Service, role: Role, by: Making = Making.SOURCE) -> Feature:
     needed = table.get(service, {}).get(role, NOTHING)
     keeps_its_own = by == Making.OPENER and role == OPENER
     return needed & ~ABSORB if keeps_its_own else needed
+
+
+def used_parts(service: Service, role: Role) -> tuple[str, ...]:
+    """Return the parts of a device that a package's service uses beside those of its needs."""
+    return REGISTERED[service].uses.get(role, ()) if service in REGISTERED else ()
 
 
 @cache

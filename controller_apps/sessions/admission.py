@@ -31,18 +31,11 @@ from controller_apps.sessions.node_features import (
 from controller_apps.sessions.returns import returned_on
 from controller_apps.sessions.sessions import Chain, Refusal, Session, Sessions
 from controller_apps.sessions.switch_chains import swapping
+from wire.light import Role
 from wire.metadata.setup import OBSTACLE_BYTES, Setup
 from wire.metadata.vocabulary import Handshake, MemoryState, Reason, Service
 from wire.optical import ANY_WAVELENGTH, DEFAULT_FREQUENCY_MHZ, frequency_mhz, wavelength_pm
-from wire.services import (
-    RETURNS,
-    Making,
-    Role,
-    beams,
-    fibers_needed,
-    making,
-    memory_of,
-)
+from wire.services import RETURNS, Making, beams, fibers_needed, making, memory_of
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,10 @@ from functools import cache
 from controller_apps.light.paths import Network
 from wire.device import MAX_UNDER_WAY
 from wire.features import EMIT, INTERFERE, STORE, Feature, names
+from wire.light import Role
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import MemoryState, Reason, Service
-from wire.services import WANT_OF, Making, Role, making, needs
+from wire.services import WANT_OF, Making, making, needs
 
 MOST_HERALDED = 2  # blocks of a chain of heralded links, under way at once
 HALVES = 2  # that a repeater keeps of each pair it makes, and that its memory has to take

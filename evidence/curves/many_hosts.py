@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from applications.sensing.fringe import QUARTER, Fringe, in_rad, in_steps
 from dispatcher.laboratory import BlockKey, LaboratoryHost, block_id
 from dispatcher.operations.emission import STATES
 from dispatcher.sabot.backend import Bytes
@@ -28,7 +29,6 @@ from hosts.middleware.qkd.conference import asymptotic_rate
 from hosts.middleware.services.ghz.witness import Tally, chosen_bases
 from hosts.middleware.services.graph_states.graph import NAMED, Graph
 from hosts.middleware.services.graph_states.witness import Stabilisers
-from hosts.middleware.services.sensing.fringe import QUARTER, Fringe, in_rad, in_steps
 from wire.dispatcher_pb2 import Gate, MeasureRequest
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import Detectors, Device, Sensor

@@ -15,10 +15,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 from hosts.middleware.session.errors import SessionError
+from wire.light import Role
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason, Verdict
 from wire.outcomes import Pauli
-from wire.services import Role
 from wire.verdict import Connection, is_sealed
 
 MAX_SESSIONS = 64  # that others have opened, at a time

@@ -11,7 +11,6 @@ from rich.console import Console
 from controller_apps.policy.schedules import PARALLEL
 from hosts.middleware.services.interception.passing import SPLIT
 from hosts.middleware.services.key_distribution.options import KeyOptions
-from hosts.middleware.services.sensing.protocol import SEPARATE, SensingOptions
 from hosts.middleware.services.switch_swap import MOST_SWITCHES, SwitchSwapOptions
 from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.session.errors import SessionError
@@ -33,8 +32,11 @@ from qmn.requests.service_verbs import Verb, verb_of
 from qmn.results.run_folder import begin_folder
 from topologies.networks.network import Signals, require_free
 from wire.features import EMIT
+from wire.light import Role
+from wire.metadata.vocabulary import Service
 from wire.parameters.checks import remedy
 from wire.parameters.physics import BEAM_SPLITTER, Device
+from wire.services import used_parts
 
 PARTS = "analysers=1", "memories=2", "sources=1"  # of a switch that swaps, for --switch
 
@@ -105,10 +107,10 @@ def length_of(options: ServiceOptions, verb: Verb) -> Length:
 
 def _phases(request: ServiceRequest, network: NetworkDescription) -> tuple[float, ...] | None:
     """Return the phases that the hosts of a line estimate without knowing them."""
-    if not isinstance(request.options, SensingOptions):
+    if "sensor" not in used_parts(Service[request.service.upper()], Role.OPENER):
         return None
-    devices = network.parts.hosts
-    return tuple(devices[name].sensor.phase_rad for name in request.options.names)
+    hosts = request.sender, request.receiver, *request.others
+    return tuple(network.parts.hosts[name].sensor.phase_rad for name in hosts)
 
 
 def _between(request: ServiceRequest) -> str:
@@ -178,8 +180,7 @@ def fitted(
     taking_part = *ends, *request.others
     source = request.options.source
     check_light(request.service, taking_part, network.parts, source, named)
-    separate = isinstance(request.options, SensingOptions) and request.options.probes == SEPARATE
-    felt = felt_by(request.service, taking_part, network.parts, source, separate)
+    felt = felt_by(request.service, taking_part, network.parts, source, request.options.sends_light)
     check_network(request.network)
     check_ranges(request.run)
     network = with_pace(network, request.run)

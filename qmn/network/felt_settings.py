@@ -18,9 +18,10 @@ from qmn.network.part_options import is_pattern, place_and_name
 from qmn.options import BadInput
 from topologies.description.description import Description
 from wire.features import EMIT, HERALD, INTERFERE, MEASURE, STORE
+from wire.light import Role
 from wire.metadata.vocabulary import Service
 from wire.parameters.physics import Device
-from wire.services import RETURNS, Making, Role, beams, needs, uses_source
+from wire.services import RETURNS, Making, beams, needs, used_parts, uses_source
 
 Settings = frozenset[str]  # PART.NAME
 PARTS: dict[str, Any] = {each.name: each.default for each in fields(Device)}
@@ -62,8 +63,6 @@ BESIDES = {
     (Service.SDC_RETURN, Role.OPENER): PAULIS | _of("memory"),
     (Service.MDI, Role.SOURCE): _of("memory"),
     (Service.TELEPORT, Role.OPENER): STATES,
-    (Service.SENSE, Role.OPENER): _of("sensor"),
-    (Service.SENSE, Role.ACCEPTOR): _of("sensor"),
 }
 FIBERS_OF_REPEATER = 2  # also of a station
 EVE = "eve"  # passes light on
@@ -111,12 +110,11 @@ def felt_by(
     hosts: Sequence[str],
     parts: Description,
     source: str = "",
-    separate: bool = False,
+    sends_light: bool = True,
 ) -> Felt:
     """Return what a session of these hosts, each with the next, can feel.
 
-    `source` makes the pairs, if a user names it; separate: each host makes probes of its own, and
-    sends no light.
+    `source` makes the pairs, if a user names it.
     """
     asked = Service[service.upper()]
     found = Felt()
@@ -128,14 +126,14 @@ def felt_by(
             roles[Role.SOURCE] = maker
         for role, host in roles.items():
             found |= Felt({host: _of_role(asked, role, by, parts.hosts[host])})
-        for start, end in () if separate or asked == Service.SWAP else beams(asked, by):
+        for start, end in () if not sends_light or asked == Service.SWAP else beams(asked, by):
             light = HostBeams(frozenset({roles[start.role]}), frozenset({roles[end.role]}))
             found |= Felt({}, frozenset({light}))
     if asked == Service.SWITCH_SWAP:  # its ends send light to switches between them
         found |= Felt({}, frozenset({HostBeams(frozenset(hosts), frozenset(hosts))}))
     if asked == Service.SWAP:
         found |= _heralding_ends(parts, hosts) | _repeaters(parts, hosts)
-    if separate:
+    if not sends_light:
         found = replace(
             found, devices={host: felt - PAIRS | STATES for host, felt in found.devices.items()}
         )
@@ -154,7 +152,7 @@ def _of_role(service: Service, role: Role, by: Making, device: Device) -> Settin
         HERALD: EMITTING,
         INTERFERE: STATION,
     }
-    found = RATE | BESIDES.get((service, role), frozenset())
+    found = RATE | BESIDES.get((service, role), frozenset()) | _of(*used_parts(service, role))
     found |= _bell(device) if (service, role) in BELL else frozenset()
     return found.union(*(felt for feature, felt in by_feature.items() if feature in needed))
 

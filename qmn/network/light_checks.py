@@ -11,8 +11,9 @@ from programs.shortest_paths import Distances, shortest
 from qmn.options import BadInput
 from topologies.description.description import Description
 from wire.features import HERALD
+from wire.light import Role
 from wire.metadata.vocabulary import Service
-from wire.services import HERALDED_LIGHT, Making, Role, beams, fibers_needed, uses_source
+from wire.services import HERALDED_LIGHT, Making, beams, fibers_needed, uses_source
 
 THIRD = {Service.MDI: "a relay between both ends"}
 SOURCE = "a third host that makes pairs"

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from qmn.registered import SERVICE_VERBS, registered
+
 APPLICATION_PORT, SERVICE_PORT = 7, 9  # of messages, of other services
 
 
@@ -58,11 +60,6 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             keys=True,
             line=True,
         ),
-        "sense": Verb(
-            "estimate the sum of phases at several hosts, by GHZ states or by separate probes",
-            "states",
-            line=True,
-        ),
         "teleport": Verb(
             "teleport states",
             "states",
@@ -81,6 +78,7 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             eavesdropper=True,
             source=True,
         ),
+        **{name: entry.load() for name, entry in registered(SERVICE_VERBS).items()},
     }
 )
 

@@ -1,7 +1,8 @@
 """Words of a set-up message: services, memories, handshakes, codes, verdicts, reasons."""
 
-from enum import IntEnum
+from enum import IntEnum, unique
 
+from wire.light import registered_services
 from wire.malformed import MalformedPacket
 
 
@@ -9,8 +10,14 @@ class UnknownService(MalformedPacket):
     """A set-up message asks for a service that this version does not know."""
 
 
+@unique
 class Service(IntEnum):
-    """The purpose of the light; wire.services has the paths that each needs."""
+    """The purpose of the light; wire.services has the paths that each needs.
+
+    Services of packages are members, too: Service["SENSE"].
+    """
+
+    _ignore_ = "members registered"
 
     SDC = 1  # superdense coding
     PAIR_SOURCE = 2  # of an open session: its pairs
@@ -25,10 +32,12 @@ class Service(IntEnum):
     GHZ = 11  # states of several hosts: this is between two neighbours of their line
     E91 = 12  # quantum key distribution by entangled pairs, with a CHSH test
     MDI = 13  # by photons that both ends prepare and a relay measures in pairs
-    SENSE = 14  # phases at hosts, by GHZ states: this is between two neighbours of their line
     CONFERENCE = 15  # a key of several hosts, by GHZ states: between two neighbours likewise
     GRAPH = 16  # graph states of several hosts: this is between two neighbours of their line
     SWITCH_SWAP = 17  # swapping by a switch's Bell analyser, to which both ends send halves
+    members = vars()
+    for registered in registered_services():
+        members[registered.name.upper()] = registered.number
 
 
 def service_of(number: int) -> Service:

@@ -153,18 +153,6 @@ class GraphFigures(LineFigures):
     pairs_per_state: int
 
 
-class SensingFigures(LineFigures):
-    """Of distributed sensing, at its leader; None: not known yet."""
-
-    sum_rad: float | None
-    sum_error_rad: float | None
-    mean_rad: float | None
-    mean_error_rad: float | None
-    heisenberg_limit_rad: float | None
-    standard_limit_rad: float | None
-    visibility: float | None
-
-
 class ConferenceFigures(LineFigures):
     """Of conference key agreement, at its leader; never a key."""
 
@@ -326,24 +314,3 @@ class LoadFigures(Figures):
     pairs_per_s: float | None
     fairness: float | None
     controller_ms_a_session: float
-
-
-# Of the services of `qmn run`, whose figures are kept as they come.
-ServiceFigures = (
-    Figures
-    | TeleportFigures
-    | KeyProgress
-    | KeyFigures
-    | PairFigures
-    | LineFigures
-    | FollowerFigures
-    | GhzFigures
-    | GraphFigures
-    | SensingFigures
-    | ConferenceFigures
-    | ConferenceFollowerFigures
-    | SealFigures
-    | SealedFigures
-    | SentFigures
-    | ReceiverFigures
-)

@@ -8,14 +8,8 @@ from typing import Any, ClassVar
 
 from wire.config import QuantumSwitch
 from wire.parameters.fiber import Fiber
-from wire.results.figures import (
-    EveFigures,
-    Figures,
-    LoadFigures,
-    ServiceFigures,
-    StoredKeyFigures,
-    TunnelFigures,
-)
+from wire.results.figures import EveFigures, Figures, LoadFigures, StoredKeyFigures, TunnelFigures
+from wire.results.service_figures import ServiceFigures
 from wire.results.time_series import AnyMoment
 
 

@@ -9,7 +9,8 @@ from collections.abc import Mapping
 from typing import Any, cast
 
 from wire import typed_json
-from wire.results.figures import EveFigures, Figures, ServiceFigures
+from wire.results.figures import EveFigures, Figures
+from wire.results.service_figures import ServiceFigures
 
 
 class Moment(Figures):

@@ -1,6 +1,7 @@
-"""The services of a host, by their place in the vocabulary; each is a file here."""
+"""The services of a host, by their place in the vocabulary: those here, and those of packages."""
 
 from collections.abc import Mapping
+from pkgutil import resolve_name
 from types import MappingProxyType
 
 from hosts.middleware.services import switch_swap
@@ -13,11 +14,11 @@ from hosts.middleware.services.graph_states import protocol as graph_states
 from hosts.middleware.services.graph_states.options import GraphOptions
 from hosts.middleware.services.key_distribution import session
 from hosts.middleware.services.sealing import seal
-from hosts.middleware.services.sensing import protocol as sensing
 from hosts.middleware.services.superdense import superdense
 from hosts.middleware.services.swapping import swap
 from hosts.middleware.services.teleportation import teleport
 from hosts.middleware.session.ends import ServiceKind
+from wire.light import registered_services
 from wire.metadata.vocabulary import Service
 
 KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
@@ -37,12 +38,10 @@ KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
                 Service.GRAPH, GraphOptions, graph_states.Leader, graph_states.Follower
             ),
             seal.KIND,
-            connections.line(
-                Service.SENSE, sensing.SensingOptions, sensing.Leader, sensing.Follower
-            ),
             swap.KIND,
             switch_swap.KIND,
             teleport.KIND,
+            *(resolve_name(service.ends) for service in registered_services()),
         )
     }
 )

@@ -5,11 +5,12 @@ from hosts.middleware.session.protocol import HostSide, OpenerSide, Say, Side, S
 from hosts.middleware.session.protocol import hear as hear_numbers
 from hosts.middleware.session.values import NUMBERS, Lifetimes
 from wire.features import STORE, Feature, NodeFeatures, names
+from wire.light import Role
 from wire.malformed import MalformedPacket
 from wire.metadata.setup import Setup
 from wire.metadata.values import Topic
 from wire.metadata.vocabulary import Reason, Service
-from wire.services import Role, needs
+from wire.services import needs
 
 MAX_NUMBER = (1 << 32) - 1
 REMEDIES = {

@@ -141,6 +141,11 @@ class ServiceOptions(SessionOptions):
         """Return the pair fidelity wanted at least; 0 is any."""
         return 0
 
+    @property
+    def sends_light(self) -> bool:
+        """Return whether hosts send each other light."""
+        return True
+
     def asked(self) -> dict[str, Any]:
         return {**super().asked(), "fidelity_ppm": self.fidelity_ppm}
 

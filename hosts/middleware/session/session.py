@@ -27,10 +27,11 @@ from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_BLOCK_PULSES, 
 from hosts.middleware.session.values import Lifetimes
 from hosts.timeouts import IDLE_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.features import NOTHING, NodeFeatures
+from wire.light import Role
 from wire.metadata.blocks import Finish
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import Handshake, MemoryState, Reason, Service
-from wire.services import Making, Role, fibers_needed, uses_source
+from wire.services import Making, fibers_needed, uses_source
 
 CERTAIN_PPM = 1_000_000
 

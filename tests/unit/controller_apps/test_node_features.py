@@ -18,11 +18,12 @@ from controller_apps.sessions.chains import find_chain, repeaters_of
 from controller_apps.sessions.node_features import blocks_under_way, want_of_repeater
 from controller_apps.sessions.sessions import Sessions
 from wire.features import EMIT, EVERYTHING, GATE, MEASURE, STORE, Feature, NodeFeatures
+from wire.light import Role
 from wire.metadata.decoding import decode
 from wire.metadata.header import METADATA_PORT
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import MemoryState, Reason, Service, Verdict
-from wire.services import NEEDS, WANT_OF, Role
+from wire.services import NEEDS, WANT_OF
 
 ADDRESSES = {Role.OPENER: ALICE, Role.ACCEPTOR: BOB, Role.SOURCE: CHARLIE}
 ABLE = NodeFeatures(EVERYTHING, 4_000_000)

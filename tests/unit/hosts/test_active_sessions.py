@@ -7,8 +7,8 @@ import pytest
 from hosts.middleware.session.errors import SessionError
 from hosts.serving import active_sessions
 from hosts.serving.active_sessions import MAX_SESSIONS, ActiveSessions
+from wire.light import Role
 from wire.metadata.vocabulary import Reason
-from wire.services import Role
 
 
 def sessions(links: frozenset[int] = frozenset()) -> ActiveSessions:

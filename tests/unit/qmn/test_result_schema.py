@@ -17,7 +17,8 @@ from topologies.system.processes.programs import ROOT
 from wire.malformed import MalformedPacket
 from wire.parameters.fiber import FiberOptics
 from wire.parameters.physics import Detectors, Device, Memory, PairSource, Sensor
-from wire.results.figures import Figures, PairFigures, ServiceFigures
+from wire.results.figures import Figures, PairFigures
+from wire.results.service_figures import ServiceFigures
 from wire.results.time_series import (
     ClosedMoment,
     EveComes,

@@ -16,6 +16,7 @@ from wire.features import (
     NodeFeatures,
     names,
 )
+from wire.light import Role
 from wire.malformed import MalformedPacket
 from wire.metadata.vocabulary import Service
 from wire.services import (
@@ -25,7 +26,6 @@ from wire.services import (
     NEEDS,
     OWN_LIGHT,
     Making,
-    Role,
     beams,
     fibers_needed,
     needs,

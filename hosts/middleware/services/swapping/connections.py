@@ -20,9 +20,9 @@ from hosts.middleware.session.offers import check_wavelength
 from hosts.middleware.session.session import making, require_fibers
 from hosts.timeouts import LINK_TIMEOUT_S
 from wire.device import SwapOrder
+from wire.light import Role
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import MemoryState
-from wire.services import Role
 
 
 @dataclass(kw_only=True)

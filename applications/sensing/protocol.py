@@ -19,13 +19,14 @@ from typing import Any
 
 import numpy as np
 
+from applications.sensing.fringe import Fringe, in_rad
+from applications.sensing.service import SensingFigures
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
 from hosts.middleware.services.ghz import line
 from hosts.middleware.services.ghz.line import Table
 from hosts.middleware.services.ghz.options import GhzOptions
-from hosts.middleware.services.sensing.fringe import Fringe, in_rad
 from hosts.middleware.session.blocks import LOST, PAIRS
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Steps, do, hear
@@ -34,7 +35,6 @@ from hosts.timeouts import BITS_TIMEOUT_S
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import Reason
 from wire.parameters.option import option
-from wire.results.figures import SensingFigures
 
 GHZ, SEPARATE = PROBES = ("ghz", "separate")
 
@@ -46,6 +46,10 @@ class SensingOptions(GhzOptions):
     probes: str = option(
         GHZ, f"qubits of GHZ states of all, or as many of each host's own ({GHZ})", choices=PROBES
     )
+
+    @property
+    def sends_light(self) -> bool:
+        return self.probes != SEPARATE
 
 
 PLUS = 2  # as states are prepared

@@ -10,8 +10,8 @@ import pytest
 from line_scene import LINE as ALL
 from line_scene import summaries
 
-from hosts.middleware.services.sensing.fringe import Fringe, in_rad, in_steps
-from hosts.middleware.services.sensing.protocol import SensingOptions
+from applications.sensing.fringe import Fringe, in_rad, in_steps
+from applications.sensing.protocol import SensingOptions
 from hosts.middleware.session.errors import SessionError
 from wire.parameters.physics import Detectors, Device, Sensor
 

@@ -1,0 +1,47 @@
+"""The figures of services of `qmn run`, whose figures are kept as they come."""
+
+from functools import reduce
+from operator import or_
+from typing import TYPE_CHECKING
+
+from wire.light import registered_services
+from wire.results.figures import (
+    ConferenceFigures,
+    ConferenceFollowerFigures,
+    Figures,
+    FollowerFigures,
+    GhzFigures,
+    GraphFigures,
+    KeyFigures,
+    KeyProgress,
+    LineFigures,
+    PairFigures,
+    ReceiverFigures,
+    SealedFigures,
+    SealFigures,
+    SentFigures,
+    TeleportFigures,
+)
+
+if TYPE_CHECKING:
+    ServiceFigures = Figures
+else:
+    ServiceFigures = reduce(
+        or_,
+        (kind for service in registered_services() for kind in service.figures),
+        Figures
+        | TeleportFigures
+        | KeyProgress
+        | KeyFigures
+        | PairFigures
+        | LineFigures
+        | FollowerFigures
+        | GhzFigures
+        | GraphFigures
+        | ConferenceFigures
+        | ConferenceFollowerFigures
+        | SealFigures
+        | SealedFigures
+        | SentFigures
+        | ReceiverFigures,
+    )
