@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gate.quiescence import Quiescence
-from gate.timeouts import HELD_S, PAUSE_S
+from gate.timeouts import HELD_S, LONGEST_PAUSE_S, PAUSE_S
 from wire.leaps import LEAP
 from wire.network_time import (
     GATE,
@@ -75,14 +75,16 @@ class Gate:
         self._quiet = Quiescence() if quiescence is None else quiescence
         page = os.open(folder / PAGE, os.O_RDWR | os.O_CREAT, 0o600)
         os.ftruncate(page, PAGE_BYTES)
-        self._clock = memoryview(mmap.mmap(page, PAGE_BYTES)).cast("q")
-        self._sent, self._taken = self._clock[1:TAKEN], self._clock[TAKEN + 1 :]
+        self._page = mmap.mmap(page, PAGE_BYTES)
+        self._clock = memoryview(self._page).cast("q")
         os.close(page)
         self._clock[0] = self._since_ns = since_ns
         self._watched, self._watched_since_s = watched, 0.0
         self._wall_ns = 0  # when the clock was set by the wall last; 0: it does not go with it
         self._stepped_since_ns = since_ns
         self._held_since_s = 0.0  # by the wall; 0: it is not; inf: it was reported
+        self._awaited: bool | None = None  # None: clock or clients have changed since
+        self._pause_s = PAUSE_S
         self._poller = select.epoll()
         self._clients: dict[int, Client] = {}  # by descriptor
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -106,6 +108,8 @@ class Gate:
     def run(self) -> None:
         """Step the clock until `stop`."""
         while not self._stopped:
+            if self._is_awaited and not self._wall_ns:
+                time.sleep(self._pause_s)  # what a client says meanwhile ends no pause
             self._take(self._wait_s())
             if self._wall_ns or self._asks_for_wall:
                 self._go_with_wall()
@@ -115,13 +119,18 @@ class Gate:
                 self._held_since_s = 0.0
                 self._go_on()
             else:
+                self._pause_s = min(LONGEST_PAUSE_S, 2 * self._pause_s)
                 self._tell_what_holds()
         self._leaps_file.close()
 
     @property
     def _is_quiet(self) -> bool:
         """Whether nothing runs, no message is under way, and no client has written more."""
-        return bool(self._quiet) and self._sent == self._taken and not self._take(0)
+        return bool(self._quiet) and not self._are_under_way() and not self._take(0)
+
+    def _are_under_way(self) -> bool:
+        middle, word = PAGE_BYTES // 2, self._clock.itemsize
+        return self._page[word:middle] != self._page[middle + word :]
 
     def _tell_what_holds(self) -> None:
         """Say once, after a while, what has not let the clock go on since."""
@@ -132,7 +141,9 @@ class Gate:
         self._held_since_s = math.inf
         links = [
             f"{sent - taken} messages of link {slot // 2}"
-            for slot, (sent, taken) in enumerate(zip(self._sent, self._taken, strict=True))
+            for slot, (sent, taken) in enumerate(
+                zip(self._clock[1:TAKEN], self._clock[TAKEN + 1 :], strict=True)
+            )
             if sent != taken
         ]
         what = ", ".join(links) or self._quiet.holder or "nothing that lasts"
@@ -156,7 +167,9 @@ class Gate:
     @property
     def _is_awaited(self) -> bool:
         """Whether one waits for the end of this instant, or all for an instant to come."""
-        return bool(self._due()) or self._clock[0] < self._next_ns < NEVER
+        if self._awaited is None:
+            self._awaited = bool(self._due()) or self._clock[0] < self._next_ns < NEVER
+        return self._awaited
 
     def _go_on(self) -> None:
         """Leap if nobody waits for this instant, and notify those whose turn is the first."""
@@ -169,6 +182,7 @@ class Gate:
             self._clock[0] = self._next_ns
             self.leaps += 1
             due = self._due()
+        self._pause_s = PAUSE_S
         turn = min(client.turn for client in due)
         self._notify(client for client in due if client.turn == turn)
 
@@ -191,7 +205,7 @@ class Gate:
                 if now_ns < each < NEVER
             ]
             return (min(to_come) - now_ns) / NS if to_come else None
-        return PAUSE_S if self._is_awaited else None
+        return 0 if self._is_awaited else None
 
     def _take(self, wait_s: float | None) -> bool:
         """Take what clients say; return whether one did."""
@@ -213,10 +227,12 @@ class Gate:
         if not message:
             self._poller.unregister(client.socket)
             del self._clients[client.socket.fileno()]
+            self._awaited = None
             client.socket.close()
             return
         client.deadline_ns, client.background_ns, client.turn = WAIT.unpack(message)
         client.is_notified = False
+        self._awaited = None
         now_ns = self._clock[0]
         self.wrong += self._stepped_since_ns < client.deadline_ns < now_ns
         if self._is_due(client) and (client.turn <= PROGRAMS or self._wall_ns):
@@ -232,6 +248,7 @@ class Gate:
         self._notify(self._due())
 
     def _notify(self, clients: Iterable[Client]) -> None:
+        self._awaited = None
         for client in clients:
             client.is_notified = True
             with suppress(ConnectionError):  # it has ended, which is read next
