@@ -11,13 +11,13 @@ host's stack alone: hosts.quantum_socket.
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
 from typing import Any, TypeVar
 
 from hosts import network_loop
 from hosts.stack_socket import QuantumSocketError, StackEnded, failure, no_stack, not_refused
-from hosts.timeouts import CLOSING_TIMEOUT_S
+from hosts.timeouts import CLOSING_TIMEOUT_S, LOOK_S
 from wire.network_time import REAL_TIME, NetworkTime
 from wire.socket_calls import (
     HEADER,
@@ -31,6 +31,12 @@ from wire.socket_calls import (
 
 T = TypeVar("T")
 Take = Callable[[bytes], object]  # the bytes that an asked host receives
+Note = Callable[[dict[str, Any]], object]  # a result
+Look = Callable[[], object]  # at the network, again and again; it may raise
+
+
+def ignore(_result: dict[str, Any]) -> None:
+    """Note nothing."""
 
 
 class End:
@@ -113,9 +119,16 @@ class Session:
     def __init__(self, opener: End, hearing: Sequence["asyncio.Task[End]"]) -> None:
         self.opener, self._hearing = opener, hearing
 
-    async def results(self) -> list[dict[str, Any]]:
-        """Return the opener's results when the session is over, or its product can be used."""
-        return [result async for result in self.opener.results()]
+    async def results(self, note: Note = ignore) -> list[dict[str, Any]]:
+        """Return the opener's results when the session is over, or its product can be used.
+
+        Each is given to `note` as it comes.
+        """
+        results = []
+        async for result in self.opener.results():
+            note(result)
+            results.append(result)
+        return results
 
     async def heard(self) -> list[End]:
         """Return the ends of the hosts that were asked, when they can use the product as well."""
@@ -126,13 +139,17 @@ class Session:
         ends = self.opener, *await self.heard()
         return await asyncio.gather(*(end.ask(**question) for end in ends))
 
-    async def end(self) -> None:
-        """End the session; return when it is over."""
+    async def end(self) -> list[dict[str, Any]]:
+        """End the session; return every host's summary when it is over, the opener's first."""
         if not self.opener.over:
             self.opener.say(Call.CLOSE)
         while not self.opener.over:
             await self.results()
-        await self.heard()
+        ends = self.opener, *await self.heard()
+        for end in ends:
+            async for _result in end.results():
+                continue
+        return [end.summary for end in ends]
 
 
 @asynccontextmanager
@@ -203,8 +220,8 @@ class BlockingSession:
     def summary(self) -> dict[str, Any]:
         return self._own.opener.summary
 
-    def results(self) -> list[dict[str, Any]]:
-        return _wait(self._own.results(), self._loop)
+    def results(self, note: Note = ignore, look: Look | None = None) -> list[dict[str, Any]]:
+        return _wait(self._own.results(note), self._loop, look)
 
     def ask(self, **question: Any) -> list[dict[str, Any]]:
         return _wait(self._own.ask(**question), self._loop)
@@ -215,8 +232,8 @@ class BlockingSession:
     def begin_to_send(self, data: bytes) -> "Future[None]":
         return asyncio.run_coroutine_threadsafe(self._own.opener.sendall(data), self._loop)
 
-    def end(self) -> None:
-        _wait(self._own.end(), self._loop)
+    def end(self, look: Look | None = None) -> list[dict[str, Any]]:
+        return _wait(self._own.end(), self._loop, look)
 
 
 @contextmanager
@@ -257,9 +274,13 @@ def _loop_in_thread(network_time: NetworkTime) -> Iterator[asyncio.AbstractEvent
             running.result()
 
 
-def _wait(work: Coroutine[Any, Any, T], loop: asyncio.AbstractEventLoop) -> T:
+def _wait(
+    work: Coroutine[Any, Any, T], loop: asyncio.AbstractEventLoop, look: Look | None = None
+) -> T:
     doing = asyncio.run_coroutine_threadsafe(work, loop)
     try:
+        while look is not None and not wait([doing], LOOK_S).done:
+            look()
         return doing.result()
     finally:
         doing.cancel()  # where a signal has ended the wait

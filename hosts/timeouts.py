@@ -70,6 +70,7 @@ CLOSING_TIMEOUT_S = 2.0  # until the stack has broken off a session whose socket
 COMMAND_TIMEOUT_S = 10.0  # until a command that sets an interface or a tunnel up has ended
 TUNNEL_TIMEOUT_S = 10.0  # until a tunnel's daemon is ready, or the other end's application answers
 TUNNEL_POLL_S = 0.02  # between two looks whether it is
+LOOK_S = 0.1  # between two looks at the network of a program that waits for a session
 TLS_KEY_S = 86_400  # whole ones, that a key of a tunnel of TLS waits for the other end to begin
 KEY_MANAGER_TIMEOUT_S = 15.0  # until a key manager has answered
 JOIN_TIMEOUT_S = 60.0  # until the other program of a NetQASM application connects

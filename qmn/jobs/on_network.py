@@ -7,7 +7,7 @@ from typing import Any
 
 from rich.console import Console
 
-from qmn.jobs import counted_service, eavesdropping, runner, superdense
+from qmn.jobs import calls, counted_service, eavesdropping, runner, superdense
 from qmn.jobs.run_context import RunContext, known_facts, note_light
 from qmn.jobs.transfer import TransferError
 from qmn.network.description import NetworkDescription
@@ -88,7 +88,14 @@ def run(network: Network, made: Made, job: str, given: Mapping[str, Any], number
     facts.network = network_facts(network)
     before, known = status(network), len(read_record(network.runtime.logs))
     try:
-        runner.perform(task, network, folder, console, kept, f"{label}-")
+        if task.file is not None:
+            runner.perform(task, network, folder, console, kept, f"{label}-")
+        else:
+            with (
+                eavesdropping.eavesdropping(network, task.eve, kept, f"{label}-"),
+                runner.handing_out(network, task, kept) as take,
+            ):
+                calls.call(network, task, kept, take)
         facts.delivered = True
     except TransferError as error:
         if error.reason not in OUTCOMES:

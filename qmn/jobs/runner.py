@@ -82,7 +82,7 @@ def perform(
     """Do the job on a network that runs; the logs of its programs begin with the label."""
     with (
         eavesdropping.eavesdropping(network, job.eve, kept, label),
-        _handing_out(network, job, kept) as take,
+        handing_out(network, job, kept) as take,
         _progress_bar(console, job, kept, take) as progress,
         lost_light(network, console) as lost,
         _programs(network, job, label) as start,
@@ -157,7 +157,7 @@ def _time(network_time: NetworkTime) -> list[str]:
 
 
 @contextmanager
-def _handing_out(network: Network, job: Job, kept: ServiceJob) -> Iterator[Callable[[], None]]:
+def handing_out(network: Network, job: Job, kept: ServiceJob) -> Iterator[Callable[[], None]]:
     """Have keys of both ends taken whenever that is called, and once more at the end."""
     if job.hand_out is None:
         yield lambda: None

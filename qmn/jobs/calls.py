@@ -1,0 +1,61 @@
+"""A job by calls of this process to the stacks of its hosts, without programs on them."""
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+
+from hosts.client import blocking_session
+from hosts.stack_socket import QuantumSocketError
+from qmn.jobs.runner import Job
+from qmn.jobs.transfer import TransferError, no_progress, with_elements
+from qmn.timeouts import STALL_TIMEOUT_S
+from topologies.networks.network import Network
+from topologies.system.processes.programs import NetworkError
+from wire.results.run_result import ServiceJob
+from wire.results.time_series import Line, figures
+
+
+def call(network: Network, job: Job, kept: ServiceJob, take: Callable[[], None]) -> None:
+    """Have two hosts use a service; keep the figures of both, and call `take` at each result.
+
+    Raise TransferError if it fails, NetworkError if the network does.
+    """
+    options = asdict(job.options)
+    del options["host"], options["port"]
+    ends = job.opener, job.acceptor, *job.others
+    stacks, time_ = network.runtime.socket, network.runtime.time
+    progress = Progress(network, kept, take)
+    try:
+        with blocking_session(
+            stacks, job.service, ends, job.options.port, time_, limit_s=None, **options
+        ) as session:
+            session.results(progress.note, progress.look)
+            asking, asked, *_others = session.end(progress.look)
+    except QuantumSocketError as error:
+        network.explain()
+        text = with_elements(network, str(error))
+        raise TransferError(text, error.reason.name) from error
+    progress.note(asking)
+    kept.asked = figures(asked)
+
+
+class Progress:
+    """The latest report of the opener, and its time."""
+
+    def __init__(self, network: Network, kept: ServiceJob, take: Callable[[], None]) -> None:
+        self._network, self._kept, self._take = network, kept, take
+        self._latest: Line = {}
+        self._limit_s = network.runtime.time.wall_s(STALL_TIMEOUT_S)
+        self._heard_s = time.monotonic()
+
+    def note(self, line: Line) -> None:
+        self._latest, self._heard_s = line, time.monotonic()
+        self._kept.asking = figures(line)
+        self._take()
+
+    def look(self) -> None:
+        """Raise NetworkError if a program has died, or nothing was reported for too long."""
+        self._network.check()
+        if time.monotonic() - self._heard_s > self._limit_s:
+            self._network.explain()
+            raise NetworkError(no_progress({"the session": self._latest}, self._limit_s))
