@@ -13,7 +13,7 @@ from types import UnionType
 from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin
 
 from wire.parameters.checks import check_choice, check_number, remedy
-from wire.parameters.option import Declaration, declared
+from wire.parameters.option import Declaration, declared, unit_of
 from wire.parameters.quantity import quantity
 
 if TYPE_CHECKING:
@@ -209,7 +209,8 @@ def _parsed(option: "Field[Any]", kind: Callable[[str], Any], given: Any) -> Any
     parse = declared(option).get("parse", kind)
     try:
         if parse is int or parse is float:
-            return quantity(option.name, str(given), parse)
+            unit = unit_of(option.name, declared(option).get("metavar"))
+            return quantity(unit, str(given), parse)
         return parse(str(given))
     except (ValueError, argparse.ArgumentTypeError) as error:
         raise BadInput(f"{option.name}: {error}") from error

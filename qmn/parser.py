@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Any, NoReturn
 
 from wire.parameters.checks import NEAR, check_choice, nearest
+from wire.parameters.option import unit_of
 from wire.parameters.quantity import quantity
 
 REQUIRED = "the following arguments are required:"  # argparse's words
@@ -155,7 +156,8 @@ class Parser(argparse.ArgumentParser):
         """Read a value; say what it is to be."""
         try:
             if action.type is int or action.type is float:
-                return quantity(action.dest, text, action.type)
+                unit = unit_of(action.dest, str(action.metavar))
+                return quantity(unit, text, action.type)
             return super()._get_value(action, text)
         except ValueError as error:
             raise self._refused(f"{name_of(action)} {error}") from error

@@ -81,7 +81,7 @@ def row_of(action: argparse.Action) -> Row:
     if action.nargs == 0:  # a switch
         default = ""
     words = f"`{' '.join(filter(None, (name, value)))}`"
-    return words, unit_of(action.dest), default, limits, str(action.help or "")
+    return words, unit_of(action.dest, str(action.metavar)), default, limits, str(action.help or "")
 
 
 def settings(title: str, kind: Any) -> str:

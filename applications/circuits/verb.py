@@ -37,7 +37,7 @@ class CircuitRun:
 
     file: str
     shots: int = option(1000, "how often (1000)", metavar="N")
-    seed: int = option(1, "of all randomness (1)", metavar="S")
+    seed: int = option(1, "of all randomness (1)", metavar="N")
     backend: str = option("chp", "default: chp", choices=sorted(BACKENDS))
     format: Format | None = option(
         None, "default: by the file's name", choices=get_args(Format), parse=str

@@ -93,7 +93,7 @@ class Parameter:
         if isinstance(given, bool) or not isinstance(given, (int, float, str)):
             raise self._bad(given)
         try:
-            number = quantity(self.name, str(given), float)
+            number = quantity(self.unit, str(given), float)
         except ValueError:
             raise self._bad(given) from None
         if not self.least <= number <= self.most or (self.whole and not number.is_integer()):

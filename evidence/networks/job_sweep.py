@@ -128,14 +128,14 @@ def parameter_of(job: str, name: str) -> Parameter:
         return Parameter(name, "", choices=tuple(words["choices"]))
     if kind not in (int, float):  # also lists of words, which spaces part
         return Parameter(name, "", text=TEXT)
-    return _number(name, kind, words.get("range"))
+    return _number(name, kind, words.get("range"), unit_of(name, words.get("metavar")))
 
 
-def _number(name: str, kind: Any, limits: tuple[float, float] | None) -> Parameter:
+def _number(name: str, kind: Any, limits: tuple[float, float] | None, unit: str) -> Parameter:
     least, most = limits or (-math.inf, math.inf)
     if kind is int:
         least = int(max(least, 0))
-    return Parameter(name, "", least, most, unit_of(name))
+    return Parameter(name, "", least, most, unit)
 
 
 def _options(job: str) -> dict[str, "Field[Any]"]:
@@ -193,7 +193,8 @@ def _parameter_of_part(axis: str) -> Parameter:
 
 def _of_default(name: str, default: object, limits: Any = None) -> Parameter:
     kind = type(default)
-    return _number(name, kind, limits) if kind in (int, float) else Parameter(name, "", text=TEXT)
+    number = kind in (int, float)
+    return _number(name, kind, limits, unit_of(name)) if number else Parameter(name, "", text=TEXT)
 
 
 def options_of(values: Values, seed: int) -> dict[str, Any]:

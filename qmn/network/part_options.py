@@ -22,6 +22,7 @@ from topologies.nodes.quantum_host import PARTS as DEVICE_PARTS
 from topologies.nodes.quantum_host import device_of
 from wire.parameters.checks import check_names
 from wire.parameters.fiber import KINDS, FiberOptics, optics
+from wire.parameters.option import unit_of
 from wire.parameters.physics import Device
 from wire.parameters.quantity import quantity
 from wire.parameters.switch import COMPOUND, QuantumSwitch
@@ -187,7 +188,7 @@ def _value(where: str, name: str, text: str, default: Any, of_none: type = float
     kind: Any = of_none if default is None else type(default)
     try:
         if kind in (int, float):
-            return quantity(name, text, kind)
+            return quantity(unit_of(name), text, kind)
         return kind(json.loads(text) if kind in (dict, tuple) else text)
     except (TypeError, ValueError) as error:
         raise BadTopology(f"{where}: {error}") from error

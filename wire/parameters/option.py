@@ -103,8 +103,10 @@ UNITS = (  # longer endings first
     ("_gib", "GiB"),
     ("_bytes", "bytes"),
 )
+UNITS_OF_METAVARS = {"S": "s"}  # of names without a unit, as seconds
 
 
-def unit_of(name: str) -> str:
-    """Return the unit that a name ends in, "" for none."""
-    return next((unit for ending, unit in UNITS if name.endswith(ending)), "")
+def unit_of(name: str, metavar: str | None = None) -> str:
+    """Return the unit that an option's name ends in, or that of its metavar; "" for none."""
+    named = (unit for ending, unit in UNITS if name.endswith(ending))
+    return next(named, UNITS_OF_METAVARS.get(metavar or "", ""))

@@ -1,7 +1,7 @@
 """Numbers as people write them for an option that has a unit: 5, or with a unit: 5km, 100ms, 2dB.
 
-The end of the option's name says its unit (wire.parameters.option.UNITS); a number without one is
-of that unit, and one with another unit of the same kind is converted: --length-km 500m.
+The option says its unit (wire.parameters.option.unit_of); a number without one is of that unit, and
+one with another unit of the same kind is converted: --length-km 500m.
 """
 
 import re
@@ -10,7 +10,6 @@ from decimal import Decimal
 from types import MappingProxyType
 
 from wire.parameters.checks import share
-from wire.parameters.option import unit_of
 
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
 MICRO = str.maketrans("\u00b5\u03bc", "uu")  # the sign, and the Greek letter
@@ -43,14 +42,14 @@ KINDS: tuple[Mapping[str, Decimal], ...] = tuple(
 )
 
 
-def quantity(name: str, text: str, kind: type[int] | type[float]) -> float:
-    """Return the number of an option by its name; raise ValueError for a text that is none."""
+def quantity(unit: str, text: str, kind: type[int] | type[float]) -> float:
+    """Return the number of an option with a unit, or ""; raise ValueError for other texts."""
     try:
         return kind(text)
     except ValueError:
-        number = _with_unit(unit_of(name), text)
+        number = _with_unit(unit, text)
     if number is None or (kind is int and number != int(number)):
-        unit, whole = unit_of(name), "whole " if kind is int else ""
+        whole = "whole " if kind is int else ""
         written = f" of {unit}, as 5 or 5{unit}" if unit else ""
         raise ValueError(f"{text!r}: choose a {whole}number{written}{share(text)}")
     return kind(number)

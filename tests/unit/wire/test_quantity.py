@@ -1,7 +1,13 @@
 """Numbers with units, as options take them."""
 
+from typing import Any
+
 import pytest
 
+from applications.keys.request import PassingEve
+from applications.vpn.request import VpnRequest
+from qmn.options import from_keywords
+from wire.parameters.option import unit_of
 from wire.parameters.quantity import quantity
 
 
@@ -27,7 +33,7 @@ from wire.parameters.quantity import quantity
     ],
 )
 def test_a_number_is_in_the_unit_of_its_option(name: str, text: str, value: float) -> None:
-    assert quantity(name, text, float) == value
+    assert quantity(unit_of(name), text, float) == value
 
 
 @pytest.mark.parametrize(
@@ -35,7 +41,7 @@ def test_a_number_is_in_the_unit_of_its_option(name: str, text: str, value: floa
     [("rate_hz", "1.5kHz", 1500), ("frame_bytes", "1KiB", 1024), ("count", "1e6", 1_000_000)],
 )
 def test_a_whole_number_stays_one(name: str, text: str, value: int) -> None:
-    number = quantity(name, text, int)
+    number = quantity(unit_of(name), text, int)
     assert (number, type(number)) == (value, int)
 
 
@@ -57,4 +63,15 @@ def test_a_whole_number_stays_one(name: str, text: str, value: int) -> None:
 )
 def test_anything_else_is_refused(name: str, text: str, kind: type[int], why: str) -> None:
     with pytest.raises(ValueError, match=why.replace("(", r"\(")):
-        quantity(name, text, kind)
+        quantity(unit_of(name), text, kind)
+
+
+@pytest.mark.parametrize(
+    ("request_class", "name", "value"),
+    [(PassingEve, "at", 90.0), (VpnRequest, "rotate", 90.0)],
+)
+def test_an_option_whose_name_has_no_unit_has_that_of_its_metavar(
+    request_class: type[Any], name: str, value: float
+) -> None:
+    found = from_keywords(request_class, {name: "1.5min"})
+    assert getattr(found, name) == value
