@@ -103,6 +103,12 @@ def _waits_ms(figures: Figures) -> Iterator[float]:
     yield from (2 * each for each in has.get("repeaters_waited_ms") or ())
 
 
+def memory_use(result: RunResult, asking: Figures, asked: Figures) -> Estimate:
+    """Return the mean number of qubits in memories, by Little's law: their rate by their wait."""
+    rate, wait = throughput(result, asking, asked), waiting(result, asking, asked)
+    return NOTHING if math.isnan(rate.value + wait.value) else exactly(rate.value * wait.value)
+
+
 def made(result: RunResult, _asking: Figures, _asked: Figures) -> Estimate:
     return exactly(result.pairs_made)
 
@@ -122,6 +128,7 @@ METRICS = (
     Metric("qber", "quantum bit error rate", of_interval("qber")),
     Metric("key_fraction", "secret-key fraction", key_fraction),
     Metric("throughput_per_s", "throughput (pairs, states or key bits a second)", throughput),
+    Metric("memory_use", "qubits in memories, mean", memory_use),
     Metric("latency_s", "latency of the whole job (s)", latency),
     Metric("setup_s", "from request to light path, median (s)", setup),
     Metric("symbol_error_rate", "symbol error rate", symbol_errors),

@@ -4,7 +4,7 @@ from math import exp, nan
 from pathlib import Path
 
 import pytest
-from recorded_run import teleported
+from recorded_run import run_of, teleported
 
 from evidence.curves import running
 from evidence.curves.estimates import NOTHING, Estimate
@@ -15,6 +15,7 @@ from evidence.curves.pictures import pictures
 from evidence.curves.table import opened
 from evidence.networks import job_sweep, metrics
 from evidence.networks.job_sweep import grid_of, options_of
+from wire.results.run_result import ServiceJob
 
 AXES: dict[str, object] = {"repeaters": "1:3", "node.memory.t2_s": "10ms,0.1", "count": "100:300:3"}
 
@@ -108,6 +109,13 @@ def test_waits_of_teleported_states_are_counted_once() -> None:
     figures = teleported(arrived=900, states=1000, fidelity=0.8, waited_ms=12.5)
     waits = sum(metrics._waits_ms(figures)) * 2  # of either end, which report the same
     assert waits == 12.5
+
+
+def test_memories_hold_as_many_qubits_as_all_waits_fill_the_time_of_the_job() -> None:
+    """80 waits of 12.5 ms are 1 s of one qubit, in 2 s half a qubit."""
+    figures = teleported(waited_ms=12.5)
+    result = run_of("teleport", ServiceJob(asking=figures, asked=figures), 1.0)
+    assert metrics.memory_use(result, figures, figures) == Estimate(0.5, 0.0)
 
 
 def test_a_topology_with_parameters_is_axes_of_one_value() -> None:
