@@ -8,9 +8,8 @@ from evidence.labs.lab import Finding, Lab, Runs, exactly
 from qmn.results.timeline import TIMELINE
 from qmn.verbs.wireshark import installed_dissectors
 from views.report.handshake_diagram import handshake_diagram
-from views.report.markup import figure
+from views.report.markup import STYLE, figure
 from views.report.packets import flights
-from views.report.page import STYLE
 from views.report.run_facts import RunFacts, read_run
 from views.report.sequence import Step, handshake, lanes
 from views.report.streams import segments

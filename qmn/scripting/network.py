@@ -130,8 +130,8 @@ class QuantumNetwork(Network):
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the network as a report draws it."""
+        from views.report.markup import STYLE
         from views.report.network_diagram import network_diagram  # matplotlib
-        from views.report.page import STYLE
 
         return drawn(network_diagram(network_facts(self), []), STYLE.read_text())
 

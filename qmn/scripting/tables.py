@@ -70,7 +70,20 @@ def shown(value: object) -> str:
     return f"{value:,.4g}" if isinstance(value, float) else str(value)
 
 
-def drawn(svg: str, style: str) -> str:
-    """Return a figure of a report for a page that is not one: with the colours of its style."""
-    (colours,) = re.findall(r":root \{\n(.*?)\n\}", style[: style.index("@media")], re.DOTALL)
-    return f'<div style="{" ".join(colours.split())} background: var(--paper)">{svg}</div>'
+def drawn(html: str, style: str) -> str:
+    """Return figures of a report for a page that is not one: with the colours of its style."""
+    colours = " ".join(f"--{name}: {value};" for name, value in _colours(style).items())
+    return f'<div style="{colours} background: var(--paper)">{html}</div>'
+
+
+def file_of(svg: str, style: str) -> str:
+    """Return a figure of a report as a file of its own: with colours in place of their names."""
+    colours = _colours(style)
+    named = re.sub(r"var\(--([\w-]+)\)", lambda match: colours[match[1]], svg)
+    return named.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
+
+
+def _colours(style: str) -> dict[str, str]:
+    """Return the variables of a page in light colours, by name."""
+    (block,) = re.findall(r":root \{\n(.*?)\n\}", style[: style.index("@media")], re.DOTALL)
+    return dict(re.findall(r"--([\w-]+):\s*([^;]+);", block))

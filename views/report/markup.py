@@ -2,6 +2,9 @@
 
 from collections.abc import Sequence
 from html import escape
+from pathlib import Path
+
+STYLE = Path(__file__).with_name("report.css")
 
 
 def figure(title: str, drawn: str, text: str, kind: str = "") -> str:

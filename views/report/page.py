@@ -15,7 +15,7 @@ from qmn.results.service_result import number_text
 from views.report import figures
 from views.report.first_photons import first_photons
 from views.report.light_paths import fiber_name, light_paths, photons_by_port
-from views.report.markup import table
+from views.report.markup import STYLE, table
 from views.report.programs import ladder, outputs
 from views.report.run_facts import RunFacts, read_run
 from views.report.sentences import of_eve, sentence
@@ -41,7 +41,6 @@ LAST_COUNTS = "Counts are the sender's; figures may include later events."
 # Of a page that has no script: a run may be another person's.
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
 POLICY += "form-action 'none'"
-STYLE = Path(__file__).with_name("report.css")
 
 
 def write_report(folder: Path) -> Path:

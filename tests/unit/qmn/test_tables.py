@@ -3,21 +3,26 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 from pyarrow import parquet
+from recorded_run import run_of, teleported
 
 from evidence.curves.catalogue import EXPERIMENTS
 from evidence.curves.estimates import Estimate
 from evidence.curves.parquet import write_parquet
 from evidence.curves.table import opened
 from qmn.scripting.exchange import Exchange
+from qmn.scripting.job_result import JobResult
 from qmn.scripting.light import Hop, LightPath
 from qmn.scripting.network import Held, HostState
 from qmn.scripting.tables import TableOf, drawn
 from views.report.drawing import VARIABLES
-from views.report.page import STYLE
+from views.report.markup import STYLE
 from wire.outcomes import Pauli
+from wire.results.figures import TeleportFigures
+from wire.results.run_result import NetworkFacts, ServiceJob
 
 EXCHANGE = Exchange(b"<secret>", 8, 0.25, 0.5, 4000, 1000, 3000, 30, 2)
 PATH = LightPath(
@@ -75,6 +80,31 @@ def test_a_figure_has_its_colours_with_it() -> None:
     shown = drawn("<svg/>", STYLE.read_text())
     for name in VARIABLES.values():
         assert f"--{name}: #" in shown, name
+
+
+def job_of(figures: TeleportFigures) -> JobResult:
+    """Return the result of a teleportation between alice and bob, on a network without fibres."""
+    result = run_of("teleport", ServiceJob(asking=figures, asked=figures), 1.0)
+    network = NetworkFacts(addresses={}, source="", fibers=[], switches=[], copper=[])
+    return JobResult(**{**vars(result), "network": network, "delivered": True})
+
+
+def test_a_job_has_its_sentence_and_its_picture_as_a_file_of_its_own() -> None:
+    """Six states of which 9 in 10 agree: fidelity .9; SVG that no page gives a colour."""
+    result = job_of(teleported(fidelity=0.9, of_states=[[10, 9]] * 6))
+    svg = ElementTree.fromstring(result.svg())  # noqa: S314 (ours)
+    assert svg.tag == "{http://www.w3.org/2000/svg}svg"
+    assert "var(" not in result.svg()
+    shown = result._repr_html_()
+    assert "fidelity 0.9" in shown
+    assert shown.index("<svg") < shown.index("<table")
+
+
+def test_a_job_without_a_picture_says_so() -> None:
+    result = job_of(teleported())
+    assert "<svg" not in result._repr_html_()
+    with pytest.raises(ValueError, match="teleport has no picture"):
+        result.svg()
 
 
 def test_a_data_frame_has_the_rows() -> None:
