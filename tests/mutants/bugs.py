@@ -1,10 +1,9 @@
-"""The bugs of *.toml here: of each a file, a snippet that is in it once, and the wrong one.
+"""The bugs of *.toml here: of each file its snippets, which are in it once, and the wrong ones.
 
-[[bug]]
-file = "wire/qkd.py"
-old = "len(data) < HEADER.size"
-new = "len(data) <= HEADER.size"
-explained = "why no test can notice it"  # if none does
+["wire/qkd.py"]
+"len(data) < HEADER.size" = "len(data) <= HEADER.size"
+"right" = { new = "wrong", explained = "why no test can notice it" }
+"one" = { new = "two", kind = "policy" }  # of those that once network tests alone noticed
 """
 
 import re
@@ -24,9 +23,12 @@ class Bug:
     old: str
     new: str
     explained: str = ""
+    kind: str = ""
+    network: str = ""  # the network test by day that notices it, if no unit test does
 
     def __str__(self) -> str:
-        return f"{self.file}: {self.old}  ->  {self.new}"
+        old, new = (" ".join(text.split()) for text in (self.old, self.new))
+        return f"{self.file}: {old}  ->  {new}"
 
     @property
     def room(self) -> str:
@@ -45,25 +47,35 @@ class Bug:
 
 def bugs() -> list[Bug]:
     """Return all of them, room by room."""
-    files = sorted(HERE.glob("*.toml"))
-    return [Bug(**each) for file in files for each in tomllib.loads(file.read_text())["bug"]]
+    tables = (tomllib.loads(file.read_text()) for file in sorted(HERE.glob("*.toml")))
+    return [
+        Bug(file, old, **(new if isinstance(new, dict) else {"new": new}))
+        for table in tables
+        for file, snippets in table.items()
+        for old, new in snippets.items()
+    ]
 
 
-def unit_tests_of(bug: Bug, root: Path) -> list[str]:
-    """Return the unit tests that import the file of a bug, then others that import its folder.
+def unit_tests_of(bug: Bug, root: Path) -> tuple[list[str], list[str]]:
+    """Return the unit tests that import the file of a bug, and others that import its folder.
 
-    A test imports what its scene imports.
+    A test imports what its scene imports. First are those that are called like the file, then
+    those of its room.
     """
     package, _dot, name = bug.file.removesuffix(".py").replace("/", ".").rpartition(".")
     of_file = rf"^(from|import) {package}\.{name}\b|^from {package} import .*\b{name}\b"
     of_folder = rf"^(from|import) {package}\b"
     texts = {file: file.read_text() for file in (root / "tests" / "unit").rglob("*.py")}
 
-    def importing(pattern: str) -> list[Path]:
+    def importing(pattern: str) -> list[str]:
         found = sorted(file for file, text in texts.items() if re.search(pattern, text, re.M))
         scenes = "|".join(file.stem for file in found if not file.stem.startswith("test_"))
         beside = importing(rf"^from ({scenes}) import") if scenes else []
-        return [file for file in found if file.stem.startswith("test_")] + beside
+        tests = [str(each.relative_to(root)) for each in found if each.stem.startswith("test_")]
+        room = f"/{bug.room}/"
+        return sorted(
+            {*tests, *beside}, key=lambda each: (name not in each, room not in each, each)
+        )
 
-    near = importing(of_file) + importing(of_folder)
-    return [str(file.relative_to(root)) for file in dict.fromkeys(near)]
+    near = importing(of_file)
+    return near, [test for test in importing(of_folder) if test not in near]

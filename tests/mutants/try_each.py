@@ -1,25 +1,32 @@
 """make mutants: put bugs in, one at a time, in a copy of the tree, and see which tests notice.
 
-First the unit tests that import the file or its folder are tried, then those of its room, of all
-formats and of the contract; all of them are the day's. The status is 1 if a bug is noticed by none
-and not explained, or fits its file no more.
+First the unit tests that import its file are tried and the network test that it names, then those
+of its room that import its folder, then all of its room, of formats and of the contract, then
+others that import its folder; all are the day's. A test notices a bug if it fails with it and
+passes without. The status is 1 if a bug is noticed by none and not explained, or fits no more.
 """
 
 import argparse
 import os
+import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from bugs import ROOT, Bug, bugs, unit_tests_of
 
 PYTEST = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-p", "garbage"]
-DAY = ["-p", "nightly", "-m", "not nightly"]
+DAY = ["-p", "nightly", "-m", "not nightly", "--tb=no", "-rfE"]
+HANGS = ["-o", "faulthandler_timeout=120", "-o", "faulthandler_exit_on_timeout=true"]
 FORMATS = "tests/unit/test_wire_formats.py"  # of every room
-LONGEST_S = 1_200.0  # for the tests of a room; what hangs is noticed
+FAILED = re.compile(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", re.M)
+HANGING = re.compile(r'File ".*/(tests/[\w/]+\.py)", line \d+ in (test_\w+)')
+NEAREST = 3  # files of tests
+UNNAMED = "pytest itself"
+NONE_COLLECTED = 5  # a status of pytest
 
 
 def copied(folder: Path) -> Path:
@@ -36,73 +43,94 @@ def left_out(folder: str, names: list[str]) -> set[str]:
     return {name for name in names if name == "__pycache__" or name.endswith("_cache")} | of_root
 
 
-def fails(tree: Path, tests: Sequence[str], ignored: Sequence[str]) -> bool:
-    """Run tests; return whether one fails, or they do not end."""
+def failure(tree: Path, tests: Sequence[str], excluded: Sequence[str] = ()) -> str:
+    """Run tests; return the first that fails, or why they end otherwise, or "" if all pass."""
     environment = {**os.environ, "PYTHONPATH": "tests", "OPENBLAS_NUM_THREADS": "1"}
     environment["PYTHONDONTWRITEBYTECODE"] = "1"  # what was right a second ago must not be run
-    try:
-        done = subprocess.run(
-            [*PYTEST, *DAY, *(f"--ignore={each}" for each in ignored), *tests],
-            cwd=tree,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            timeout=LONGEST_S,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        return True
-    return done.returncode not in (0, 5)  # 5: no test was collected
+    namespaces = ["topologies/own_namespaces"] if tests[0].startswith("tests/emulation") else []
+    done = subprocess.run(
+        [*namespaces, *PYTEST, *DAY, *HANGS, *(f"--deselect={each}" for each in excluded), *tests],
+        cwd=tree,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        check=False,
+        text=True,
+    )
+    if done.returncode in (0, NONE_COLLECTED):
+        return ""
+    if failed := FAILED.search(done.stdout):
+        return failed[1]
+    hanging = HANGING.search(done.stdout)
+    return "::".join(hanging.groups()) if hanging else UNNAMED
 
 
-def of_room(tree: Path, bug: Bug) -> list[str]:
-    """Return the tests of a bug's room, of the contract and of all formats."""
-    others = f"tests/unit/{bug.room}", "tests/contract", FORMATS
-    return [each for each in others if (tree / each).exists()]
+def stages(tree: Path, bug: Bug, near: bool) -> Iterator[list[str]]:
+    """Yield the tests to try, nearest first."""
+    of_file, of_folder = unit_tests_of(bug, tree)
+    yield of_file[:NEAREST]  # most bugs go no further
+    yield of_file[NEAREST:]
+    yield [bug.network] if bug.network else []
+    room = f"tests/unit/{bug.room}"
+    yield [test for test in of_folder if test.startswith(room)]
+    if not near:
+        yield [each for each in (room, "tests/contract", FORMATS) if (tree / each).exists()]
+        yield [test for test in of_folder if not test.startswith(room)]
 
 
-def noticed(tree: Path, bug: Bug, near: bool, ignored: Sequence[str]) -> bool:
-    """Put a bug in, run its tests, take it out; `near`: leave out those of its room."""
+def noticing(tree: Path, bug: Bug, near: bool, broken: list[str]) -> str:
+    """Return the test that notices a bug, or ""; append those that fail without it to `broken`."""
     file = tree / bug.file
     right = file.read_text()
-    first = [test for test in unit_tests_of(bug, tree) if test not in ignored]
-    file.write_text(bug.applied(right))
-    try:
-        return bool(first and fails(tree, first, ignored)) or (
-            not near and fails(tree, of_room(tree, bug), ignored)
-        )
-    finally:
-        file.write_text(right)
+    for tests in filter(None, stages(tree, bug, near)):
+        while True:
+            file.write_text(bug.applied(right))
+            try:
+                failed = failure(tree, tests, broken)
+            finally:
+                file.write_text(right)
+            if not failed:
+                break
+            if not failure(tree, tests if failed == UNNAMED else [failed]):
+                return failed
+            broken.append(failed)
+    return ""
 
 
 def main() -> int:
     """Try all bugs, or some; say which are not noticed."""
     parser = argparse.ArgumentParser(prog="make mutants", description=__doc__)
     parser.add_argument("--room", help="of this folder alone")
+    parser.add_argument("--kind", help="of this kind alone")
     parser.add_argument("--part", default="1/1", metavar="I/N", help="the Ith of N parts of them")
     parser.add_argument(
-        "--near", action="store_true", help="try only tests that import the file or its folder"
+        "--near",
+        action="store_true",
+        help="try only tests that import the file, or its folder in its room",
     )
-    parser.add_argument("--ignore", action="append", default=[], help="a file of tests that fails")
     arguments = parser.parse_args()
     part, parts = map(int, arguments.part.split("/"))
-    chosen = [bug for bug in bugs() if arguments.room in (None, bug.room)][part - 1 :: parts]
+    chosen = [
+        bug
+        for bug in bugs()
+        if arguments.room in (None, bug.room) and arguments.kind in (None, bug.kind)
+    ][part - 1 :: parts]
     missed = []
+    broken: list[str] = []
     with TemporaryDirectory(prefix="qmn-mutants-") as folder:
         Path(folder).chmod(0o755)  # a test is another user
         tree = copied(Path(folder))
-        near = {test for bug in chosen for test in unit_tests_of(bug, tree)}
-        rooms = {test for bug in chosen for test in of_room(tree, bug)}
-        if fails(tree, sorted(near if arguments.near else near | rooms), arguments.ignore):
-            raise SystemExit("a test fails as all is, without a bug; run make unit")
         for number, bug in enumerate(chosen, 1):
             fits = bug.fits(tree)
-            found = fits and noticed(tree, bug, arguments.near, arguments.ignore)
-            missed += [] if found else [bug]
-            word = "noticed" if found else "explained" if bug.explained else "NOT NOTICED"
+            tried = fits and not bug.explained
+            test = noticing(tree, bug, arguments.near, broken) if tried else ""
+            missed += [] if test else [bug]
+            word = f"noticed by {test}" if test else "explained" if bug.explained else "NOT NOTICED"
             word = word if fits else "FITS NO MORE"
             print(f"{number}/{len(chosen)} {word}: {bug}", flush=True)
+    for test in broken:
+        print(f"fails without a bug, too: {test}")
     print(f"{len(chosen) - len(missed)} of {len(chosen)} bugs are noticed")
     return int(any(not bug.explained for bug in missed))
 

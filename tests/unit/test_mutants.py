@@ -40,4 +40,4 @@ def count(path: str) -> int:
 
 def test_tests_that_import_a_file_are_found() -> None:
     bug = Bug("wire/lldp.py", "a", "b")
-    assert "tests/unit/wire/test_lldp.py" in unit_tests_of(bug, ROOT)
+    assert "tests/unit/wire/test_lldp.py" in unit_tests_of(bug, ROOT)[0]
