@@ -1,7 +1,7 @@
 """Noise models of one's own for parts of devices, beside closed forms; 5 sigma, seed 1."""
 
 from collections.abc import Awaitable, Callable
-from math import exp
+from math import exp, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,10 @@ from five_sigma import within
 from numpy.typing import NDArray
 
 from dispatcher.laboratory import SESSION, Laboratory
+from dispatcher.layer.device_noise import TO_Z
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_pb2 import CreateRequest, Gate, MeasureRequest
-from wire.outcomes import NO_CLICK
+from wire.outcomes import BASES, NO_CLICK
 from wire.parameters.physics import (
     BadParameter,
     BellAnalyser,
@@ -77,6 +78,14 @@ def at_alice(act: Callable[[Laboratory], Awaitable[None]], device: Device) -> No
 def sometimes(model: str, **parameters: Any) -> dict[str, Any]:
     """Return the noise of a part."""
     return {"noise": f"{model}:Sometimes", "noise_parameters": parameters}
+
+
+def test_each_basis_is_turned_onto_z() -> None:
+    """U O U^-1 = Z of the observable O of each of BASES."""
+    x, y, z = np.array([[0, 1], [1, 0]]), np.array([[0, -1j], [1j, 0]]), np.diag([1, -1])
+    observables = {"Z": z, "X": x, "Y": y, "Z+X": (z + x) / sqrt(2), "Z-X": (z - x) / sqrt(2)}
+    for name, to_z in zip(BASES, TO_Z, strict=True):
+        assert np.allclose(to_z @ observables[name] @ to_z.conj().T, z), name
 
 
 def test_a_memory_ages_as_its_model_says() -> None:

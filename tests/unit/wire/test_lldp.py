@@ -2,11 +2,13 @@
 
 from ipaddress import IPv4Address
 
+import pytest
 from scapy.contrib.lldp import LLDPDUGenericOrganisationSpecific, LLDPDUManagementAddress
 from scapy.layers.l2 import Ether
 
 from wire.features import EMIT, EVERYTHING, STORE, NodeFeatures
-from wire.lldp import announcement, switch_message
+from wire.lldp import announcement, open_seal, seal, switch_message
+from wire.malformed import MalformedPacket
 
 MAC = bytes.fromhex("020000000100")
 KEY = "00112233445566778899aabbccddeeff"
@@ -33,6 +35,21 @@ def test_a_sealed_frame_has_these_bytes() -> None:
     frame = announcement("alice", "alice-q0", "10.0.0.1", MAC, 30, ABLE, KEY, 0x0102030405060708)
     sealed = "fe1c 02514d 03 0102030405060708 b5ef4ffafcf3aca9c4b6f81f0c6323e8 0000"
     assert frame == bytes.fromhex(GOLDEN.removesuffix("0000") + sealed)
+
+
+def test_a_seal_is_opened_whole_by_its_key_alone() -> None:
+    tlvs, number = b"whatever was announced", 0x0102030405060708
+    sealed = seal(tlvs, KEY, number)
+    assert open_seal(sealed, tlvs, KEY) == number
+    for data, covered, key in (
+        (sealed[:-1], tlvs, KEY),
+        (sealed + b"\0", tlvs, KEY),
+        (bytes(7) + sealed[7:], tlvs, KEY),
+        (sealed, tlvs[1:], KEY),
+        (sealed, tlvs, KEY[::-1]),
+    ):
+        with pytest.raises(MalformedPacket, match="seal of an announcement"):
+            open_seal(data, covered, key)
 
 
 def test_what_a_switch_says_has_these_bytes() -> None:
