@@ -75,15 +75,3 @@ def test_one_that_is_missing_is_named_before_anything_starts(made: Path, tmp_pat
     missing = pytest.raises(NetworkError, match=r"cannot read .*/bob\.key: No such file")
     with missing, start("sdc", tls_from=str(folder)) as network:
         pytest.fail(f"{network} has started")
-
-
-def test_an_address_that_a_certificate_lacks_is_named(made: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "tls"
-    shutil.copytree(made, folder)
-    words = "-in ed.csr -CA ca.pem -CAkey ca.key -CAcreateserial -out ed.pem"
-    openssl(folder, "x509", "-req", *words.split())
-    with (
-        pytest.raises(NetworkError, match=r"/ed\.pem lacks 10\.0\.0\.4 in its subjectAltName"),
-        start("sdc", tls_from=str(folder)) as network,
-    ):
-        pytest.fail(f"{network} has started")

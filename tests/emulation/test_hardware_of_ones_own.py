@@ -8,14 +8,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import pytest
 from conftest import ROOT
 from mininet.topo import Topo
 
 from qmn.scripting import start
 from topologies.links.fiber import FiberLink
 from topologies.nodes import ClassicalSwitch, DispatcherHost, OpticalSwitch, QuantumHost
-from topologies.system.processes.programs import NetworkError
 
 INSTRUMENT = ROOT / "tests" / "unit" / "qswitch_agent" / "scpi_instrument.py"
 COUNTING = '''
@@ -98,11 +96,3 @@ def test_a_switch_that_a_topology_names_is_driven_by_scpi() -> None:
     # Superdense coding (wire/services.py): alice -> bob's second, charlie's first -> alice,
     # charlie's second -> bob's first; ports 2 -> 4, 5 -> 2, 6 -> 3 of q1.
     assert added == "add (@1,4,5),(@11,9,10)"
-
-
-def test_a_slip_in_a_topology_is_named_and_nothing_is_started() -> None:
-    with (
-        pytest.raises(NetworkError, match="q1 has no insertion_los_db: did you mean insert"),
-        start(lambda: OneSwitch(q1={"insertion_los_db": 9.0})),
-    ):
-        pytest.fail("it started")

@@ -33,7 +33,7 @@ def begun() -> bool:
     return bool(in_runs("*/dispatcher.json"))
 
 
-@pytest.mark.by_day(every=2)
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize(
     ("moment", "hangup", "status"),
     [
@@ -68,7 +68,7 @@ def test_a_terminal_that_closes_leaves_nothing(
     assert schema.read_left(result.parent).error in causes
 
 
-@pytest.mark.by_day(every=2)
+@pytest.mark.by_day(every=4)
 @pytest.mark.parametrize(
     ("outputs", "words"),
     [

@@ -24,7 +24,7 @@ DAEMONS = openvswitch.DATABASE, openvswitch.SWITCH_DAEMON
 ENDS_IN_S = 20  # with clean-up; the wait ends much sooner
 
 
-@pytest.mark.by_day(every=2)
+@pytest.mark.by_day(every=4)
 @pytest.mark.parametrize("daemon", DAEMONS)
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGSEGV])
 def test_a_daemon_that_ends_is_named(tmp_path: Path, daemon: str, number: signal.Signals) -> None:

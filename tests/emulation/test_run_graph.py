@@ -1,10 +1,8 @@
 """Graph states of three hosts over fibres that depolarise."""
 
-from pathlib import Path
 from typing import Any
 
 from fabric_scene import NOISE, served
-from loaded import run_qmn
 
 from topologies.networks.network import Network
 
@@ -44,10 +42,3 @@ def test_a_hub_leaves_a_state_of_the_others(noisy_network: Network) -> None:
     assert found["edges"] == 1
     expected = (1 + 3 * KEPT**2) / 4
     assert abs(found["fidelity"] - expected) < 5 * found["fidelity_error"] < 0.02
-
-
-def test_a_graph_that_cannot_be_is_named_before_anything_starts(tmp_path: Path) -> None:
-    done = run_qmn("run", "graph", "--graph", "alice-zoe", "--runs", str(tmp_path))
-    assert done.returncode != 0
-    assert "'alice-zoe' is not an edge" in done.stdout + done.stderr
-    assert not list(tmp_path.iterdir())

@@ -215,16 +215,3 @@ def test_a_script_steps_its_network_and_sleeps_in_it(tmp_path: Path) -> None:
     assert set_up_s == pytest.approx([set_up_s[0]] * 2, abs=1e-9)
     assert hour_s == 3_600
     assert json.loads((tmp_path / "logs/result.json").read_text())["time"] == "stepped"
-
-
-def test_a_delay_of_software_is_refused_where_it_cannot_be_exact(tmp_path: Path) -> None:
-    words = ("sdc", "--time", "paced", "--host-delay", "1ms", "--runs", str(tmp_path))
-    done = run_qmn("run", *words)
-    assert done.returncode == 1
-    assert "--host-delay is exact in stepped time alone: leave --time paced out" in done.stderr
-
-
-def test_what_the_wall_paces_is_refused_with_the_reason(tmp_path: Path) -> None:
-    done = run_qmn("run", *TELEPORT, "--control-loss", "0.1", "--runs", str(tmp_path))
-    assert done.returncode == 1
-    assert "TCP repeats by the wall what --control-loss loses" in done.stderr

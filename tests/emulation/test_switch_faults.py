@@ -25,9 +25,3 @@ def test_what_a_stuck_cross_connect_has_cost_is_sent_again(shared_network: Netwo
         wait_until(lambda: "port=bob-q1" in log.read_text(), "light has come to bob instead")
         assert fault("q1", "repair") == (0, "q1: repaired, 25 C\n")
         assert opened.finish(len(data)) == data
-
-
-def test_a_fault_of_a_switch_that_there_is_not_is_refused(shared_network: Network) -> None:
-    assert shared_network.runtime.switches.keys() == {"q1"}
-    status, said = fault("q7", "repair")
-    assert (status, said) == (1, "qmn: unknown quantum switch 'q7': choose one of q1\n")

@@ -154,6 +154,10 @@ def test_a_run_that_is_refused_for_a_bridge_of_the_machine_leaves_no_folder(
         ),
         (["--topology", "map,abilene", "--length-km", "3"], "the map says how long fibres are"),
         (["--loss-budget-db", "-1"], "--loss-budget-db -1.0: choose 0 to 1000"),
+        (
+            ["--time", "paced", "--host-delay", "1ms"],
+            "in stepped time alone: leave --time paced out",
+        ),
         (["--interleave"], "--interleave spreads the codewords of a code: choose one with --fec"),
         (
             ["--fec", "golay", "--frame-bytes", "65536"],

@@ -44,6 +44,18 @@ def test_what_distribution_cannot_give_is_refused(words: list[str], text: str) -
         options_of("distribute", *words)
 
 
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["ghz", "--line", "alice,bob,zoe"], "--line zoe: choose one of alice, bob, charlie"),
+        (["graph", "--graph", "alice-zoe"], "'alice-zoe' is not an edge"),
+    ],
+)
+def test_a_host_that_there_is_not_is_named(words: list[str], text: str) -> None:
+    with pytest.raises(BadInput, match=text):
+        options_of(*words)
+
+
 def test_the_words_of_the_command_line_reach_the_service() -> None:
     words = ("--count", "7", "--fidelity", "0.9", "--sample", "0.5", "--rounds", "2")
     options = options_of("distribute", *words, "--purification", "bbpssw")

@@ -140,3 +140,11 @@ def test_a_given_certificate_that_is_missing_or_wrong_is_named(
     spoil(tmp_path / "made")
     with pytest.raises(NetworkError, match=text):
         given_ones.check("bob")
+
+
+def test_a_given_certificate_that_lacks_an_address_is_named(tmp_path: Path) -> None:
+    CertificateAuthority(tmp_path / "made", "ours").issue("ed", {"ed": "10.0.0.3"})
+    given_ones = GivenCertificates(tmp_path / "taken", tmp_path / "made")
+    assert given_ones.issue("ed", {"ed": "10.0.0.3"}).certificate.exists()
+    with pytest.raises(NetworkError, match=r"/ed\.pem lacks 10\.0\.0\.4 in its subjectAltName"):
+        given_ones.issue("ed", {"ed": "10.0.0.4"})

@@ -34,6 +34,7 @@ from wire.parameters.switch import PathOptics
         ({"paths": [PathOptics(1, 2, -1.0)]}, "path 1 -> 2: insertion_loss_db -1.0"),
         ({"max_temperature_c": float("nan")}, "max_temperature_c nan"),
         ({"grid_mhz": 0}, "grid_mhz 0"),
+        ({"insertion_los_db": 9.0}, "q1 has no insertion_los_db: did you mean insertion_loss_db"),
         ({"controller_port": 0}, "q1: controller_port 0: choose 1 to 65535"),
         ({"controller_port": 65536}, "q1: controller_port 65536: choose 1 to 65535"),
     ],
