@@ -92,7 +92,10 @@ class Exchange:
         try:
             if not any_ready([connection], GREETING_TIMEOUT_S):
                 raise TimeoutError("no greeting")
-            greeting = decode_greeting(connection.recv(GREETING.size, socket.MSG_WAITALL))
+            data = b""
+            while part := connection.recv(GREETING.size - len(data)):
+                data += part
+            greeting = decode_greeting(data)
         except (OSError, MalformedPacket):
             connection.close()
             return

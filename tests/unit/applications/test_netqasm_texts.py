@@ -1,11 +1,12 @@
 """Where programs of a NetQASM application listen for each other."""
 
 import socket
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 
+import pytest
 from limits import SOON_S
 
-from applications.netqasm.text_format import TEXTS_PORT, Greeting, encode_greeting
+from applications.netqasm.text_format import GREETING, TEXTS_PORT, Greeting, encode_greeting
 from applications.netqasm.texts import Exchange
 
 BOB, ALICE, STRANGER = "127.0.0.1", "127.0.0.2", "127.0.0.3"
@@ -27,3 +28,15 @@ def test_silent_connections_of_other_hosts_do_not_delay_a_program() -> None:
         alice.sendall(encode_greeting(Greeting("alice", "bob", 0)))
         with exchange.wait_for("alice", 0, SOON_S) as taken:
             assert taken.getpeername() == alice.getsockname()
+
+
+@pytest.mark.parametrize("cut", [1, GREETING.size - 1])
+def test_a_greeting_that_is_cut_is_read_whole(cut: int) -> None:
+    exchange = Exchange("bob", BOB, {BOB})
+    data = encode_greeting(Greeting("alice", "bob", 0))
+    with closing(exchange), socket.create_connection((BOB, TEXTS_PORT), SOON_S) as alice:
+        alice.sendall(data[:cut])
+        with pytest.raises(TimeoutError, match="alice did not open socket 0"):
+            exchange.wait_for("alice", 0, 0.05)
+        alice.sendall(data[cut:])
+        exchange.wait_for("alice", 0, SOON_S).close()
