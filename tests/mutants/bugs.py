@@ -56,8 +56,8 @@ def bugs() -> list[Bug]:
     ]
 
 
-def unit_tests_of(bug: Bug, root: Path) -> tuple[list[str], list[str]]:
-    """Return the unit tests that import the file of a bug, and others that import its folder.
+def nearest_tests(bug: Bug, root: Path) -> tuple[list[str], list[str]]:
+    """Return the tests that import the file of a bug, and others that import its folder.
 
     A test imports what its scene imports. First are those that are called like the file, then
     those of its room.
@@ -65,7 +65,8 @@ def unit_tests_of(bug: Bug, root: Path) -> tuple[list[str], list[str]]:
     package, _dot, name = bug.file.removesuffix(".py").replace("/", ".").rpartition(".")
     of_file = rf"^(from|import) {package}\.{name}\b|^from {package} import .*\b{name}\b"
     of_folder = rf"^(from|import) {package}\b"
-    texts = {file: file.read_text() for file in (root / "tests" / "unit").rglob("*.py")}
+    folders = (root / "tests" / kind for kind in ("unit", "contract"))
+    texts = {file: file.read_text() for folder in folders for file in folder.rglob("*.py")}
 
     def importing(pattern: str) -> list[str]:
         found = sorted(file for file, text in texts.items() if re.search(pattern, text, re.M))

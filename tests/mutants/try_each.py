@@ -1,6 +1,6 @@
 """make mutants: put bugs in, one at a time, in a copy of the tree, and see which tests notice.
 
-First the unit tests that import its file are tried and the network test that it names, then those
+First the tests that import its file are tried and the network test that it names, then those
 of its room that import its folder, then all of its room, of formats and of the contract, then
 others that import its folder; all are the day's. A test notices a bug if it fails with it and
 passes without. The status is 1 if a bug is noticed by none and not explained, or fits no more.
@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from bugs import ROOT, Bug, bugs, unit_tests_of
+from bugs import ROOT, Bug, bugs, nearest_tests
 
 PYTEST = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-p", "garbage"]
 DAY = ["-p", "nightly", "-m", "not nightly", "--tb=no", "-rfE"]
@@ -68,13 +68,13 @@ def failure(tree: Path, tests: Sequence[str], excluded: Sequence[str] = ()) -> s
 
 def stages(tree: Path, bug: Bug, near: bool) -> Iterator[list[str]]:
     """Yield the tests to try, nearest first."""
-    of_file, of_folder = unit_tests_of(bug, tree)
+    of_file, of_folder = nearest_tests(bug, tree)
     yield of_file[:NEAREST]  # most bugs go no further
     yield of_file[NEAREST:]
     yield [bug.network] if bug.network else []
-    room = f"tests/unit/{bug.room}"
-    yield [test for test in of_folder if test.startswith(room)]
     if not near:
+        room = f"tests/unit/{bug.room}"
+        yield [test for test in of_folder if test.startswith(room)]
         yield [each for each in (room, "tests/contract", FORMATS) if (tree / each).exists()]
         yield [test for test in of_folder if not test.startswith(room)]
 
@@ -107,7 +107,7 @@ def main() -> int:
     parser.add_argument(
         "--near",
         action="store_true",
-        help="try only tests that import the file, or its folder in its room",
+        help="only tests that import the file, and the network test that it names",
     )
     arguments = parser.parse_args()
     part, parts = map(int, arguments.part.split("/"))

@@ -2,7 +2,7 @@
 
 import ast
 
-from bugs import ROOT, Bug, bugs, unit_tests_of
+from bugs import ROOT, Bug, bugs, nearest_tests
 
 MOST_SHARE = 0.1  # that may fit no more: whoever renames something need not mend them at once
 
@@ -40,4 +40,4 @@ def count(path: str) -> int:
 
 def test_tests_that_import_a_file_are_found() -> None:
     bug = Bug("wire/lldp.py", "a", "b")
-    assert "tests/unit/wire/test_lldp.py" in unit_tests_of(bug, ROOT)[0]
+    assert "tests/unit/wire/test_lldp.py" in nearest_tests(bug, ROOT)[0]

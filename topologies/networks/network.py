@@ -490,7 +490,7 @@ def delete_interfaces_of(switches: list[str]) -> None:
 
 def interfaces_of(switch: str) -> list[str]:
     """Return the interfaces on this machine that a switch of this name would have."""
-    names = sorted(path.name for path in Path("/sys/class/net").iterdir())
+    names = sorted(path.name for path in interfaces.INTERFACES.iterdir())
     return [name for name in names if name == switch or name.startswith(f"{switch}-eth")]
 
 

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from topologies.system.kernel import memory_share
-from topologies.system.kernel.memory_share import V2, checked_mib, parent
+from topologies.system.kernel.memory_share import V2, checked_mib, groups_of_gone, parent
+from topologies.system.processes.owners import namespace, this_process
 from wire.parameters.physics import BadParameter
 
 
@@ -48,3 +49,15 @@ def test_where_nothing_can_be_written_there_is_no_group(
     monkeypatch.setattr(memory_share, "OWN_GROUPS", own)
     monkeypatch.setattr(memory_share, "TOP", tmp_path)
     assert parent() is None
+
+
+def test_only_groups_of_runs_that_have_ended_are_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(memory_share, "parent", lambda: (tmp_path, V2))
+    ended = this_process()._replace(start=1)
+    left = tmp_path / f"qmn.{namespace()}.{ended}.erin"
+    left.mkdir()
+    (tmp_path / f"qmn.{namespace()}.{this_process()}.alice").mkdir()
+    (tmp_path / "system.slice").mkdir()
+    assert [*groups_of_gone()] == [left]

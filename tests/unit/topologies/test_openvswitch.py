@@ -108,3 +108,20 @@ def test_a_bridge_that_was_not_made_is_named_with_the_reason(
     openvswitch.require_made(["s1"])
     with pytest.raises(NetworkError, match="did not make q1: no such device"):
         openvswitch.require_made(["s1", "q1"])
+
+
+def test_bridges_of_daemons_that_have_ended_are_not_deleted(
+    install: Install, tmp_path: Path
+) -> None:
+    """They have gone with them; without own daemons those that are named are deleted."""
+    asked = tmp_path / "asked"
+    install("ovs-vsctl", f'echo "$@" >>{asked}')
+    daemon = openvswitch._own["ovsdb-server"] = Program("ovsdb-server", tmp_path / "log")
+    daemon.start(["sleep", "60"])
+    openvswitch.end()
+    assert not daemon.running
+    openvswitch.delete("s1")
+    assert not asked.exists()
+    openvswitch.end()
+    openvswitch.delete("s1", "q1")
+    assert "--if-exists del-br s1 -- --if-exists del-br q1" in asked.read_text()
