@@ -80,5 +80,9 @@ class MeasuredHardware:
         with self._measured("emit"):
             await self._hardware.emit(port, emission)
 
+    async def keep(self, chosen: AnalyserFrame) -> None:
+        with self._measured("keep"):
+            await self._hardware.keep(chosen)
+
     async def close(self) -> None:
         await self._hardware.close()

@@ -59,9 +59,17 @@ WITH_OUTCOMES = End.MEASURED, End.STORED
 COUNTED = End.NO_PARTNER, End.CLOSED, End.UNFIT  # of an analyser
 
 
-def group_of(session: int) -> bytes:
-    """Return the address of the hosts of a session: of a group, administered locally."""
-    return b"\x03" + (session & (1 << 40) - 1).to_bytes(5)
+class Receivers(IntEnum):
+    """Hosts of a session that hear a frame of an inner port."""
+
+    BOTH = 0
+    OPENER = 1
+    ACCEPTOR = 2
+
+
+def group_of(session: int, to: Receivers = Receivers.BOTH) -> bytes:
+    """Return the address of hosts of a session: of a group, administered locally."""
+    return bytes([3 | to << 2]) + (session & (1 << 40) - 1).to_bytes(5)
 
 
 def port_description(port: InnerPort, memory: Memory) -> bytes:
@@ -112,9 +120,10 @@ class AnalyserFrame:
         wrong = end > max(End) or (end == End.STORED) != (kind == HERALDS)
         if magic != MAGIC or wrong or payload[5] or count > MOST_OUTCOMES:
             raise MalformedPacket(f"frame of an analyser that begins {payload[:8].hex()}")
-        if not 0 < pulses <= MOST_PULSES or first + count > pulses or not port or not number:
+        least = end != End.MEASURED  # of two blocks that meet one may have no pulse left
+        if not least <= pulses <= MOST_PULSES or first + count > pulses or not port or not number:
             raise MalformedPacket(f"outcomes {first} to {first + count} of {pulses} pulses")
-        if (end in WITH_OUTCOMES) != (count > 0):
+        if (end in WITH_OUTCOMES and pulses > 0) != (count > 0):
             raise MalformedPacket(f"{count} outcomes of light that has ended as {End(end).name}")
         if len(payload) != max(size, LEAST_PAYLOAD) or any(payload[size:]):
             raise MalformedPacket(f"{len(payload)} bytes for {count} outcomes")

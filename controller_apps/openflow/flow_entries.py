@@ -5,7 +5,7 @@ learns and forwards, table 3 copies set-up messages for quantum switches.
 Quantum switches: table 0 holds light paths and nothing else, but for LLDP.
 """
 
-from collections.abc import Collection, Iterable, Set
+from collections.abc import Collection, Iterable, Mapping, Set
 from typing import Any
 
 from controller_apps.light.paths import Hop
@@ -13,7 +13,7 @@ from controller_apps.openflow.framework import Datapath, ofproto, parser
 from controller_apps.openflow.optical_messages import is_fiber, is_inner
 from controller_apps.packets.datagrams import IP_UDP, is_udp
 from controller_apps.packets.segments import ACK, FIN, IP_TCP, PSH, RST, SYN, FiveTuple
-from wire.analyser_frames import ETHER_TYPE, HERALDS, group_of
+from wire.analyser_frames import ETHER_TYPE, HERALDS, Receivers, group_of
 from wire.device import DEVICE_PORT
 from wire.metadata.header import METADATA_PORT, QUANTUM_SWITCHES
 from wire.parameters.switch import INNER_PORTS, Kind, inner_port
@@ -194,26 +194,33 @@ def classical_entries(datapath: Datapath) -> list[Any]:
             datapath,
             0,
             LEARNING_PRIORITY + 1,
-            {"in_port": port, "eth_type": ETH_TYPE_OUTCOMES},
+            {"in_port": port, "eth_type": kind},
             output(*_others(classical, port)),
         )
         for port in classical
+        for kind in (ETH_TYPE_OUTCOMES, ETH_TYPE_HERALDS)
     ]
     return [*learned, *passed]
 
 
-def inner_frames(datapath: Datapath, hops: Iterable[Hop], session: int, reports: bool) -> list[Any]:
+def inner_frames(
+    datapath: Datapath,
+    hops: Iterable[Hop],
+    session: int,
+    reports: bool,
+    heard: Mapping[int, Receivers],
+) -> list[Any]:
     """Return what sends frames of inner ports to a session's hosts, and memories' heralds up.
 
-    Reports: the controller hears of outcomes, too.
+    Reports: the controller hears of outcomes, too; heard: which hosts hear a memory's heralds.
     """
-    to_hosts = _apply([parser.OFPActionSetField(eth_dst=group_of(session).hex(":"))])
-    to_hosts.actions += _outputs([ofproto.OFPP_FLOOD, *[ofproto.OFPP_CONTROLLER] * reports])
     entries = []
     for port in sorted({hop.out_port for hop in hops if hop.out_port in INNER_PORTS}):
-        kinds = {ETH_TYPE_OUTCOMES: to_hosts}
+        kinds = {ETH_TYPE_OUTCOMES: _to_hosts(session, Receivers.BOTH, reports)}
         if inner_port(port).kind == Kind.MEMORY:
-            kinds[ETH_TYPE_HERALDS] = to_controller()
+            kinds[ETH_TYPE_HERALDS] = (
+                _to_hosts(session, heard[port]) if port in heard else to_controller()
+            )
         entries += [
             add(
                 datapath,
@@ -226,6 +233,13 @@ def inner_frames(datapath: Datapath, hops: Iterable[Hop], session: int, reports:
             for kind, instruction in kinds.items()
         ]
     return entries
+
+
+def _to_hosts(session: int, to: Receivers, reports: bool = True) -> Any:
+    """Return the instruction that sends a frame to hosts of a session, and reports also up."""
+    address = group_of(session, to).hex(":")
+    ports = [ofproto.OFPP_FLOOD, *[ofproto.OFPP_CONTROLLER] * reports]
+    return _apply([parser.OFPActionSetField(eth_dst=address), *_outputs(ports)])
 
 
 def copy_entries(datapath: Datapath, trunks: Collection[int]) -> list[Any]:

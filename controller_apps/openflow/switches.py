@@ -24,10 +24,12 @@ from controller_apps.sessions.actions import (
     CountBypass,
     Emit,
     Forward,
+    KeepPulses,
     OpenPaths,
     RemoveBypass,
     SwitchAction,
 )
+from wire.analyser_frames import BROADCAST, frames_of
 from wire.config import Station
 
 FLAGS = ofproto.OFPBF_ATOMIC | ofproto.OFPBF_ORDERED
@@ -239,6 +241,12 @@ class Switches:
             case Emit(_, port, emission):
                 into = ofproto.OFPP_CONTROLLER, port
                 return [flow_entries.packet_out(datapath, *into, emission.encode())]
+            case KeepPulses(_, port, herald):
+                into = ofproto.OFPP_CONTROLLER, port
+                return [
+                    flow_entries.packet_out(datapath, *into, frame.encode(BROADCAST, bytes(6)))
+                    for frame in frames_of(herald)
+                ]
             case ClosePaths(_, session):
                 return [flow_entries.delete_paths(datapath, session)]
             case AddBypass(_, five_tuple, session):
@@ -255,7 +263,9 @@ class Switches:
     def _path_messages(self, datapath: Datapath, action: OpenPaths) -> list[bytes]:
         ports = [port for port in action.tuned if port in datapath.ports]
         tuning = [optical_messages.tune(datapath, port, action.frequency_mhz) for port in ports]
-        frames = flow_entries.inner_frames(datapath, action.hops, action.session, action.reports)
+        frames = flow_entries.inner_frames(
+            datapath, action.hops, action.session, action.reports, action.heard
+        )
         messages = path_bundle(action, [*tuning, *frames], self._xids)
         for message in messages:
             self._transactions[action.dpid, xid_of(message)] = action.transaction

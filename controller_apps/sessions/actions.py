@@ -1,5 +1,6 @@
 """The arbiter's orders; the app turns each into OpenFlow or a line of text."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from controller_apps.light.optics import SwitchPort
@@ -8,7 +9,7 @@ from controller_apps.packets.segments import FiveTuple
 from controller_apps.policy.schedules import UNPURIFIED, Purification
 from controller_apps.sessions.holders import Ends, Holder
 from controller_apps.sessions.sessions import Chain, Request
-from wire.analyser_frames import Emission
+from wire.analyser_frames import AnalyserFrame, Emission, Receivers
 from wire.device import SessionQuery
 from wire.monitor_messages import GiveBack, SealOrder
 
@@ -40,6 +41,7 @@ class OpenPaths:
     tuned: tuple[int, ...] = ()  # ports
     frequency_mhz: int = 0  # to which they are tuned
     reports: bool = False  # the controller hears of outcomes, too
+    heard: Mapping[int, Receivers] = field(default_factory=dict)  # of heralds, by memory
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,15 @@ class Emit:
     dpid: int
     port: int
     emission: Emission
+
+
+@dataclass(frozen=True)
+class KeepPulses:
+    """Have a memory discard the pulses of a block that a herald does not list."""
+
+    dpid: int
+    port: int
+    herald: AnalyserFrame
 
 
 @dataclass(frozen=True)
@@ -143,5 +154,6 @@ class Drop:
     at: SwitchPort  # where it arrived
 
 
-SwitchAction = Forward | OpenPaths | Emit | ClosePaths | AddBypass | RemoveBypass | CountBypass
+Programming = OpenPaths | Emit | KeepPulses | ClosePaths
+SwitchAction = Forward | Programming | AddBypass | RemoveBypass | CountBypass
 Action = SwitchAction | Keep | Forget | SwapsOrdered | Order | Note | Drop

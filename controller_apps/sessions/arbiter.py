@@ -154,8 +154,8 @@ class Arbiter:
         actions: list[Action] = []
         if frame.end == End.STORED:
             actions += emissions(session, at, frame)
-        if turns is not None and whole and frame.end == End.STORED:
-            actions += self.light.release(session, turns.stored(at))
+        if turns is not None and frame.end == End.STORED:
+            actions += self.light.release(session, turns.stored(at, frame))
         elif turns is not None and whole and frame.end == End.MEASURED:
             over, due = turns.measured(at)
             actions += self.light.release(session, due, over)

@@ -8,19 +8,19 @@ of the same rotation; without such, the light is lost and the sender gives up in
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import count
 
 from controller_apps.light.obstacles import on_the_way
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop, Network, switches
 from controller_apps.light.routing import LightPath, rotation_of, route
-from controller_apps.sessions.actions import Action, ClosePaths, Note, OpenPaths
+from controller_apps.sessions.actions import Action, ClosePaths, KeepPulses, Note, OpenPaths
 from controller_apps.sessions.admission import limits_of
 from controller_apps.sessions.returns import borrowed_rotation
 from controller_apps.sessions.sessions import Request, Session, Sessions
 from controller_apps.sessions.snapshot import keep
-from controller_apps.sessions.swap_turns import Swap
+from controller_apps.sessions.swap_turns import Swap, heralds_to_hosts
 
 
 @dataclass
@@ -64,9 +64,15 @@ class Light:
             hops = tuple(hop for hop in hops if hop not in session.turns.hops)
         return self._program(session, (), hops, request.transaction)
 
-    def release(self, session: Session, swaps: Iterable[Swap], over: Swap = ()) -> list[Action]:
-        """Lead memories of a session to their analysers; close what is over."""
-        return [
+    def release(self, session: Session, swaps: list[Swap], over: Swap = ()) -> list[Action]:
+        """Lead memories of a session to their analysers; close what is over.
+
+        Of each block leave the pulses that both ends of a link hold.
+        """
+        assert session.turns is not None
+        pulses = [each for swap in swaps for each in session.turns.named(swap)]
+        named: list[Action] = [KeepPulses(*at, herald) for at, herald in pulses]
+        return named + [
             OpenPaths(
                 hops[0].dpid,
                 () if hops == over else hops,
@@ -136,9 +142,8 @@ class Light:
             elif new or old:
                 tuned = self._tune(new, session.frequency_mhz)
                 frequency = session.frequency_mhz if tuned else 0
-                actions.append(
-                    OpenPaths(dpid, new, session.number, transaction, old, tuned, frequency)
-                )
+                opened = OpenPaths(dpid, new, session.number, transaction, old, tuned, frequency)
+                actions.append(replace(opened, heard=heralds_to_hosts(session.paths, dpid)))
         return actions
 
     def _tune(self, hops: tuple[Hop, ...], frequency_mhz: int) -> tuple[int, ...]:

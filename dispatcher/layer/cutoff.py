@@ -57,8 +57,11 @@ def forget(block: Block) -> None:
 
 def born_ns(block: Block) -> NDArray[np.int64]:
     """Return when each qubit of a block came, shape (k,)."""
-    if block.born_ns is not None:
-        return block.born_ns
+    return came_ns(block) if block.born_ns is None else block.born_ns
+
+
+def came_ns(block: Block) -> NDArray[np.int64]:
+    """Return since when each qubit of a block waits, shape (k,)."""
     if block.came_ns is not None:
         return block.came_ns
     steps_ns = np.arange(block.register.size) * block.interval_ns

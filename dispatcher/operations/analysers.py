@@ -98,6 +98,10 @@ class Analysers:
         """Tell whether light waits at an input of an analyser."""
         return (node, port) in self._waiting
 
+    def report_nothing(self, node: str) -> None:
+        """Report the meeting of two blocks of which one had no pulse left."""
+        self._reports.add(node, BellOutcomes(end=BellOutcomes.MEASURED))
+
     def fail(self, node: str) -> None:
         """End the wait of light at an analyser that has failed."""
         for (place, _port), blocks in list(self._waiting.items()):

@@ -70,6 +70,18 @@ class Gathering:
         layer.record(node, "gather", gathered, detail=detail, each=partial(_origin, picked))
         return layer.feedback(gathered)
 
+    def fill_gaps(self, block: Block, size: int) -> Block:
+        """Return a stored block's first photons as a block of their own, which takes its place."""
+        positions = np.flatnonzero(block.register.present)[:size].astype(np.uint32)
+        came_ns, layer = cutoff.came_ns(block), self._layer
+        filled = self._block(block.node, block.name, [Picked(block, positions)])
+        filled.port, filled.maker = block.port, block.maker
+        filled.interval_ns, filled.came_ns = block.interval_ns, came_ns[positions]
+        layer.ownership.add(filled)
+        layer.drop(block)
+        layer.memories.exchange([], filled)
+        return filled
+
     def _look_up(self, node: str, picks: Sequence[Pick]) -> list[Picked]:
         limits.require_picks(len(picks))
         picked: dict[BlockName, Picked] = {}

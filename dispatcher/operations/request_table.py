@@ -74,6 +74,7 @@ class RequestTable:
             "look": Row(messages.LookRequest, self._on_layer(look)),
             "cross_connect": Row(messages.CrossConnectRequest, self.switching.cross_connect),
             "emit": Row(messages.EmitRequest, Emission(layer, self.blocks, self.transport).emit),
+            "keep": Row(messages.KeepRequest, self.memories.keep),
             "tune_port": Row(messages.TunePortRequest, self.switching.tune),
             "inject_fault": Row(messages.InjectFaultRequest, self.switching.inject),
             "adjust_fiber": Row(messages.AdjustFiberRequest, self._on_layer(adjust)),

@@ -7,6 +7,9 @@
 A block is stored when all of it has come. The first that came leaves first, as its pulses came one
 after the other. It leaves when a cross-connect leads on: to an analyser only when its partner is
 at the other input, or in a memory that leads to it; to anything else at once.
+
+Of two blocks whose pulses a controller has named (`keep`) the i-th that is held of one meets the
+i-th that is held of the other, as many as the poorer has; the others are discarded.
 """
 
 import asyncio
@@ -16,14 +19,16 @@ from functools import partial
 
 import numpy as np
 
+from dispatcher.layer import extra_pairs
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations.analysers import Analysers, Reports
+from dispatcher.operations.gathering import Gathering
 from dispatcher.operations.transport import Transport
-from dispatcher.refusal import Refusal
+from dispatcher.refusal import Refusal, not_found
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.timeouts import MEMORY_WAIT_S
-from wire.dispatcher_pb2 import BellOutcomes, SwitchStatisticsReply
+from wire.dispatcher_pb2 import BellOutcomes, KeepReply, KeepRequest, SwitchStatisticsReply
 from wire.outcomes import NO_CLICK
 
 
@@ -43,7 +48,10 @@ class SwitchMemories:
         self._analysers, self._reports = analysers, reports
         memories, inputs = layer.network.memories, layer.network.analysers
         self._held = {node: deque[Block]() for node in memories}
+        self._gathering = Gathering(layer)
         self._limits: dict[Block, asyncio.Task[None]] = {}
+        self._numbers: dict[Block, int] = {}  # of the reports that they are held
+        self._named: set[Block] = set()  # whose pulses a controller has named
         self._leads: dict[str, dict[int, int]] = {}  # outputs by input, of each switch
         self._sending: set[str] = set()  # memories whose light is on its way
         self._counts = {node: Counter[str]() for node in memories}
@@ -79,8 +87,37 @@ class SwitchMemories:
     def release(self, switch: str) -> None:
         """Send on what the cross-connects of a switch lead on, as long as there is any."""
         while leaving := self._leaving(switch):
-            for node in leaving:
-                self._send(node)
+            for nodes in self._meeting(switch, leaving):
+                sizes = [self._held[node][0].register.remaining for node in nodes]
+                named = len(nodes) > 1 and all(self._held[n][0] in self._named for n in nodes)
+                for node in nodes:
+                    self._send(node, min(sizes) if named else None)
+                if named and not min(sizes):
+                    self._analysers.report_nothing(self._partner_of(switch, nodes[0])[0])
+
+    def keep(self, _node: str, request: KeepRequest) -> KeepReply:
+        """Discard pulses of a block that are not to leave; later requests may name others."""
+        found = (
+            block
+            for node, part in self._layer.network.memories.items()
+            if part.switch == request.switch and str(request.port) in part.ports
+            for block in self._held[node]
+            if self._numbers[block] == request.number
+        )
+        block = next(found, None)
+        named = np.frombuffer(request.outcomes, np.uint8)
+        if block is None or request.first + named.size > block.register.size:
+            raise not_found(
+                f"no {request.first + named.size} pulses of number {request.number} are in the "
+                f"memory at port {request.port} of {request.switch}"
+            )
+        unwanted = np.zeros(block.register.size, bool)
+        unwanted[request.first : request.first + named.size] = named != 0
+        extra_pairs.darken(self._layer.sabot, block, unwanted)
+        dropped = self._layer.sabot.lose(block.register, unwanted)
+        self._layer.record(block.node, "keep", block, block.port, f"dropped={dropped}")
+        self._named.add(block)
+        return KeepReply()
 
     def fail(self, node: str) -> None:
         """End the wait of light in a memory that has failed."""
@@ -116,6 +153,7 @@ class SwitchMemories:
         held = np.where(block.register.present, 0, NO_CLICK).astype(np.uint8)
         report = BellOutcomes(end=BellOutcomes.STORED, photons=held.size, outcomes=held.tobytes())
         self._reports.add(node, report)
+        self._numbers[block] = report.number
         self._held[node].append(block)
         limit = self._limits[block] = asyncio.create_task(self._expire(block))
         layer.journal.begun(limit)
@@ -142,15 +180,33 @@ class SwitchMemories:
         }
         return [node for output, node in ready.items() if self._may_leave(switch, output, ready)]
 
+    def _meeting(self, switch: str, leaving: list[str]) -> list[list[str]]:
+        """Return the memories that light leaves, those together whose light meets."""
+        together: dict[str, list[str]] = {}
+        for node in leaving:
+            together.setdefault(self._partner_of(switch, node)[0] or node, []).append(node)
+        return list(together.values())
+
+    def _partner_of(self, switch: str, node: str) -> tuple[str, str]:
+        """Return the analyser that a memory leads to, and its other input; empty: to none."""
+        output = self._leads[switch][int(self._layer.network.memories[node].ports[0])]
+        return self._partners.get((switch, output), ("", ""))
+
     def _may_leave(self, switch: str, output: int, ready: dict[int, str]) -> bool:
         if (switch, output) not in self._partners:
             return True
         analyser, other = self._partners[switch, output]
         return int(other) in ready or self._analysers.waits(analyser, other)
 
-    def _send(self, node: str) -> None:
+    def _send(self, node: str, most: int | None) -> None:
+        """Send the first block of a memory, its first pulses that are held or all as they came."""
         block = self._held[node][0]
         self._take(block)
+        if most == 0:
+            self._layer.drop(block)
+            return
+        if most is not None and most < block.register.size:
+            block = self._gathering.fill_gaps(block, most)
         photons, port = block.register.remaining, block.port
         try:
             self._transport.release(block, port, partial(self._sent, node))
@@ -167,6 +223,8 @@ class SwitchMemories:
 
     def _take(self, block: Block) -> None:
         self._held[block.node].remove(block)
+        self._named.discard(block)
+        del self._numbers[block]
         limit = self._limits.pop(block)
         if limit is not asyncio.current_task():
             limit.cancel()

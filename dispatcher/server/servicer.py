@@ -277,6 +277,13 @@ class Service(DispatcherServicer):
         return cast(messages.EmitReply, await self.change(node, "emit", request))
 
     @call
+    async def Keep(
+        self, request: messages.KeepRequest, node: str, _context: Context
+    ) -> messages.KeepReply:
+        self.callers.require_agent(node, request.switch, "choose pulses in a memory of")
+        return cast(messages.KeepReply, await self.change(node, "keep", request))
+
+    @call
     async def SwitchStatistics(
         self, request: messages.SwitchStatisticsRequest, node: str, _context: Context
     ) -> messages.SwitchStatisticsReply:

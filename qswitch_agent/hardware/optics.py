@@ -159,5 +159,8 @@ class OpticalHardware(Protocol):
     async def emit(self, port: int, emission: Emission) -> None:
         """Have the pair source of a port make pairs; return when it has begun."""
 
+    async def keep(self, chosen: AnalyserFrame) -> None:
+        """Have pulses of a memory's block, those with 0, leave without gaps, and no others."""
+
     async def close(self) -> None:
         """Close the hardware; its cross-connects stay."""

@@ -107,6 +107,10 @@ class ScpiSwitch:
         """Refuse: mirrors make no light."""
         raise HardwareRefusal(f"{self._link.identity} has no source of pairs at port {port}")
 
+    async def keep(self, chosen: AnalyserFrame) -> None:
+        """Refuse: mirrors store no light."""
+        raise HardwareRefusal(f"{self._link.identity} has no memory at port {chosen.port}")
+
     async def watch(self, on_condition: Callable[[Condition], None]) -> None:
         """Report the condition at once and after each change; raise HardwareFault at the end.
 

@@ -118,6 +118,11 @@ class SimulatedSwitch:
             request_serializer=messages.EmitRequest.SerializeToString,
             response_deserializer=messages.EmitReply.FromString,
         )
+        self._keep = self._channel.unary_unary(
+            "/qmn.Dispatcher/Keep",
+            request_serializer=messages.KeepRequest.SerializeToString,
+            response_deserializer=messages.KeepReply.FromString,
+        )
         self._statistics = self._channel.unary_unary(
             "/qmn.Dispatcher/SwitchStatistics",
             request_serializer=messages.SwitchStatisticsRequest.SerializeToString,
@@ -238,6 +243,17 @@ class SimulatedSwitch:
             frequency_mhz=emission.frequency_mhz,
         )
         call = self._emit(request, timeout=CALL_DEADLINE_S, metadata=self._metadata)
+        await self._answer(call)
+
+    async def keep(self, chosen: AnalyserFrame) -> None:
+        request = messages.KeepRequest(
+            switch=self._switch,
+            port=chosen.port,
+            number=chosen.number,
+            first=chosen.first,
+            outcomes=chosen.outcomes,
+        )
+        call = self._keep(request, timeout=CALL_DEADLINE_S, metadata=self._metadata)
         await self._answer(call)
 
     async def close(self) -> None:

@@ -6,6 +6,7 @@ a bundle together at COMMIT. A refused request changes nothing.
 
 import logging
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 
 from qswitch_agent.hardware.optics import HardwareRefusal
 from qswitch_agent.middleware.flow_table import FlowTable
@@ -29,9 +30,10 @@ from qswitch_agent.proxy.checks import (
 )
 from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch, circuits, impossible_path
-from wire.analyser_frames import Emission
+from wire.analyser_frames import HERALDS, AnalyserFrame, Emission
 from wire.malformed import MalformedPacket
 from wire.optical import ANALYSER_COUNTS, MEMORY_COUNTS, PATH_OPTICS, encode_path_optics
+from wire.parameters.switch import Kind, inner_port
 
 
 class BundleRequests:
@@ -260,7 +262,8 @@ class Requests:
             await self._emit(packet)
             return
         if inner := self._switch.inner.intersection(packet.outputs):
-            raise refusals.bad_out_port(f"no packet goes into the inner port {min(inner)}")
+            await self._choose(packet, min(inner))
+            return
         fibers = self._switch.fibers.intersection(packet.outputs)
         if not fibers:
             self._link.to_bridge(message)
@@ -280,6 +283,18 @@ class Requests:
         emission = Emission.decode(packet.frame)
         try:
             await self._switch.hardware.emit(packet.outputs[0], emission)
+        except HardwareRefusal as refusal:
+            raise refusals.bad_out_port(str(refusal)) from refusal
+
+    async def _choose(self, packet: PacketOut, port: int) -> None:
+        """Have a memory discard the pulses that a herald, sent into its port, does not list."""
+        require_not_slave(self._link, "PACKET_OUT")
+        memory = inner_port(port).kind == Kind.MEMORY
+        if not memory or len(packet.actions) > 1 or packet.frame[12:14] != HERALDS:
+            raise refusals.bad_out_port(f"no packet goes into the inner port {port}")
+        chosen = AnalyserFrame.decode(packet.frame)
+        try:
+            await self._switch.hardware.keep(replace(chosen, port=port))
         except HardwareRefusal as refusal:
             raise refusals.bad_out_port(str(refusal)) from refusal
 

@@ -38,6 +38,7 @@ from hosts.middleware.session.protocol import (
     hear,
     own_pairs,
 )
+from wire.analyser_frames import Receivers
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import Reason, Service
 from wire.outcomes import NO_COINCIDENCE
@@ -68,12 +69,12 @@ def make(
     """Have a block swapped, and keep what both ends have."""
     frames.forget()
     yield from side.announce(number, size)
-    found, kept = yield from _emit(side, frames, 2 * number, size)
-    yield side.say(Topic.COMING, number, found.blocks, 32)
+    swapped, kept = yield from _emit(side, frames, 2 * number, size)
+    yield side.say(Topic.COMING, number, swapped.blocks, 32)
     yield side.say(Topic.ARRIVED, number, kept, 1)
-    theirs = yield from hear(Topic.ARRIVED, number, size, 1)
-    yield from take(side.block(number), {_kept(side, 2 * number): np.arange(size)})
-    yield from pairs.share(number, kept, theirs.astype(bool))
+    theirs = yield from hear(Topic.ARRIVED, number, kept.size, 1)
+    yield from take(side.block(number), {_kept(side, 2 * number): swapped.positions})
+    yield from pairs.share(number, kept, theirs.astype(bool), size)
 
 
 def share(side: HostSide, frames: AnalyserSocket, pairs: Pairs, message: Values) -> Steps[None]:
@@ -81,29 +82,29 @@ def share(side: HostSide, frames: AnalyserSocket, pairs: Pairs, message: Values)
     number, size = coming(message, side.setup.pairs)
     frames.forget()
     yield side.agree()
-    found, kept = yield from _emit(side, frames, 2 * number + 1, size)
-    theirs = yield from hear(Topic.COMING, number, len(found.blocks), LARGEST)
-    if theirs.tolist() != found.blocks:
+    swapped, kept = yield from _emit(side, frames, 2 * number + 1, size)
+    theirs = yield from hear(Topic.COMING, number, len(swapped.blocks), LARGEST)
+    if theirs.tolist() != swapped.blocks:
         text = f"{side.peer} heard of other blocks at analysers than this host: let no other "
         raise SessionError(Reason.PROTOCOL, text + "session use them")
-    arrived = yield from hear(Topic.ARRIVED, number, size, 1)
+    arrived = yield from hear(Topic.ARRIVED, number, kept.size, 1)
     name = side.block(number, half=1)
-    yield from take(name, {_kept(side, 2 * number + 1): np.arange(size)})
-    states = np.frombuffer(found.outcomes, np.uint8)
-    yield from do(Qnic.apply, name, np.where(kept, states, 0).astype(np.uint8))
-    kept &= yield from store(name)
+    yield from take(name, {_kept(side, 2 * number + 1): swapped.positions})
+    if kept.size:
+        yield from do(Qnic.apply, name, np.where(kept, swapped.outcomes, 0).astype(np.uint8))
+        kept &= yield from store(name)
     yield side.say(Topic.ARRIVED, number, kept, 1)
-    yield from pairs.share(number, kept, arrived.astype(bool))
+    yield from pairs.share(number, kept, arrived.astype(bool), size)
 
 
 def _emit(
     side: HostSide, frames: AnalyserSocket, number: int, size: int
 ) -> Steps[tuple[Swapped, Mask]]:
-    """Send halves of pairs to the switch; return its outcomes, and which pairs have one."""
+    """Send halves of pairs to the switch; return the swaps, and which of them have made pairs."""
     stored = yield from own_pairs(side, number, size, side.ports[0])
-    found: Swapped = yield Wait(partial(frames.next, size, max(1, side.setup.block)))
-    states = np.frombuffer(found.outcomes, np.uint8)
-    return found, stored.arrived & (states != NO_COINCIDENCE)
+    swapped: Swapped = yield Wait(partial(frames.next, size, max(1, side.setup.block)))
+    here = stored.arrived[swapped.positions]
+    return swapped, here & (swapped.outcomes != NO_COINCIDENCE)
 
 
 def _kept(side: HostSide, number: int) -> BlockName:
@@ -112,13 +113,13 @@ def _kept(side: HostSide, number: int) -> BlockName:
 
 async def swap(end: OpenerEnd, options: SwitchSwapOptions) -> Answerer:
     """Do what the opener does; return what answers its application."""
-    with analyser_socket(end.setup.session) as frames:
+    with analyser_socket(end.setup.session, Receivers.OPENER) as frames:
         return await make_pairs(end, options, partial(make, end.side, frames))
 
 
 async def receive(end: AcceptorEnd) -> Answerer:
     """Follow the opener until it delivers; return what answers this end's application."""
-    with analyser_socket(end.setup.session) as frames:
+    with analyser_socket(end.setup.session, Receivers.ACCEPTOR) as frames:
         return await share_pairs(end, partial(share, end.side, frames))
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from zlib import crc32
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hosts.middleware.session.errors import SessionError
 from hosts.timeouts import ANALYSER_TIMEOUT_S
@@ -15,9 +16,11 @@ from wire.analyser_frames import (
     BROADCAST,
     ETHER_TYPE,
     ETHERNET_BYTES,
+    HERALDS,
     MOST_PAYLOAD,
     AnalyserFrame,
     End,
+    Receivers,
     group_of,
 )
 from wire.malformed import MalformedPacket
@@ -38,22 +41,28 @@ ENDS = {
 class Swapped:
     """The outcomes of a block at all analysers of a chain."""
 
-    outcomes: bytes  # for each pulse the product of all, NO_COINCIDENCE if one has none
+    outcomes: NDArray[np.uint8]  # of k pulses the product of all, NO_COINCIDENCE if one has none
+    positions: NDArray[np.intp]  # of these in this end's block, shape (k,)
     blocks: list[int]  # which analysers, and their numbers of the block, alike at both ends
 
 
 class AnalyserSocket:
     """Reads the outcomes that analysers report, block by block."""
 
-    def __init__(self, channel: socket.socket, session: int) -> None:
-        self._channel, self._group = channel, group_of(session)
+    def __init__(
+        self, outcomes: socket.socket, heralds: socket.socket, session: int, to: Receivers
+    ):
+        """Read frames of a session's group, heralds to this end alone, and what is to everybody."""
+        self._channel, self._heralds = outcomes, heralds
+        self._group, self._alone = group_of(session), group_of(session, to)
         self._begun: dict[bytes, AnalyserFrame] = {}  # of each analyser, what is not whole yet
 
     def forget(self) -> None:
         """Drop the frames that have come so far: they are of earlier light."""
-        with suppress(BlockingIOError):
-            while True:
-                self._channel.recv(LONGEST)
+        for channel in (self._channel, self._heralds):
+            with suppress(BlockingIOError):
+                while True:
+                    channel.recv(LONGEST)
 
     async def next(self, pulses: int, analysers: int) -> Swapped:
         """Return the outcomes of the next block of this size at a number of analysers.
@@ -61,10 +70,13 @@ class AnalyserSocket:
         Raise SessionError if they do not come, or the light has ended otherwise.
         """
         found: dict[bytes, AnalyserFrame] = {}
+        positions = np.arange(pulses)
         try:
             async with asyncio.timeout(ANALYSER_TIMEOUT_S):
                 while len(found) < analysers:
                     await self._join(found, pulses)
+                if any(frame.pulses < pulses for frame in found.values()):
+                    positions = await self._held(pulses)
         except TimeoutError as error:
             text = (
                 f"no outcomes of {pulses} pulses from {analysers - len(found)} of {analysers} "
@@ -72,12 +84,31 @@ class AnalyserSocket:
                 "inputs of each, and its outcomes here, and that the switches' agents run"
             )
             raise SessionError(Reason.NO_LIGHT, text) from error
-        return _together(found)
+        return _together(found, positions)
+
+    async def _held(self, pulses: int) -> NDArray[np.intp]:
+        """Return which pulses of this end's light the memory at the other end of its link holds."""
+        held = b""
+        while len(held) < pulses:
+            data = await self._next(self._heralds, self._alone)
+            with suppress(MalformedPacket):
+                frame = AnalyserFrame.decode(data)
+                if frame.pulses == pulses and frame.first == len(held):
+                    held += frame.outcomes
+        return np.flatnonzero(np.frombuffer(held, np.uint8) == 0)
 
     async def _join(self, found: dict[bytes, AnalyserFrame], pulses: int) -> None:
-        """Take a frame; what is whole is found. All of one block have its number, in order."""
-        analyser, frame = await self._frame()
-        if frame.pulses != pulses:
+        """Take a frame; what is whole is found. All of one block have its number, in order.
+
+        Only the session's own group hears of pulses that have met without gaps.
+        """
+        data = await self._next(self._channel, self._group)
+        try:
+            frame = AnalyserFrame.decode(data)
+        except MalformedPacket:
+            return
+        analyser = data[6:12] + frame.port.to_bytes(4)
+        if frame.pulses > pulses or (frame.pulses < pulses and data[:6] != self._group):
             return
         if frame.end != End.MEASURED:
             text = f"light has ended at inner port {frame.port} of a switch: "
@@ -86,31 +117,35 @@ class AnalyserSocket:
         outcomes = begun.outcomes if begun and begun.number == frame.number else b""
         if frame.first == len(outcomes):
             whole = replace(frame, first=0, outcomes=outcomes + frame.outcomes)
-            (found if len(whole.outcomes) == pulses else self._begun)[analyser] = whole
+            (found if len(whole.outcomes) == frame.pulses else self._begun)[analyser] = whole
 
-    async def _frame(self) -> tuple[bytes, AnalyserFrame]:
-        """Return the next frame, and which analyser's; other bytes are dropped."""
+    async def _next(self, channel: socket.socket, group: bytes) -> bytes:
+        """Return the next frame to everybody, to this host or to a group; drop those to others."""
         while True:
-            data = await asyncio.get_running_loop().sock_recv(self._channel, LONGEST)
-            if data[0] & 1 and data[:6] not in (BROADCAST, self._group):
-                continue  # of another session
-            with suppress(MalformedPacket):
-                frame = AnalyserFrame.decode(data)
-                return data[6:12] + frame.port.to_bytes(4), frame
+            data = await asyncio.get_running_loop().sock_recv(channel, LONGEST)
+            if not data[0] & 1 or data[:6] in (BROADCAST, group):
+                return data
 
 
-def _together(found: dict[bytes, AnalyserFrame]) -> Swapped:
-    each = np.array([np.frombuffer(frame.outcomes, np.uint8) for frame in found.values()])
+def _together(found: dict[bytes, AnalyserFrame], positions: NDArray[np.intp]) -> Swapped:
+    """Return what the i-th pulses of all blocks make, as many as the poorest block has."""
+    most = min(frame.pulses for frame in found.values())
+    each = np.array([np.frombuffer(frame.outcomes, np.uint8)[:most] for frame in found.values()])
     product = np.bitwise_xor.reduce(each)
     product[(each == NO_COINCIDENCE).any(axis=0)] = NO_COINCIDENCE
     numbers = sorted((crc32(analyser), frame.number) for analyser, frame in found.items())
-    return Swapped(product.tobytes(), [word for pair in numbers for word in pair])
+    return Swapped(product, positions[:most], [word for pair in numbers for word in pair])
 
 
 @contextmanager
-def analyser_socket(session: int) -> Iterator[AnalyserSocket]:
-    """Give a socket that takes the frames of analysers at all interfaces of this host."""
-    protocol = socket.htons(int.from_bytes(ETHER_TYPE, "big"))
-    with socket.socket(socket.AF_PACKET, socket.SOCK_RAW, protocol) as channel:
-        channel.setblocking(False)
-        yield AnalyserSocket(channel, session)
+def analyser_socket(session: int, to: Receivers) -> Iterator[AnalyserSocket]:
+    """Give what takes frames of analysers and memories at all interfaces of a session's end."""
+    with _socket(ETHER_TYPE) as outcomes, _socket(HERALDS) as heralds:
+        yield AnalyserSocket(outcomes, heralds, session, to)
+
+
+def _socket(kind: bytes) -> socket.socket:
+    protocol = socket.htons(int.from_bytes(kind, "big"))
+    channel = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, protocol)
+    channel.setblocking(False)
+    return channel

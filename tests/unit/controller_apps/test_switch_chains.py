@@ -7,11 +7,26 @@ from metadata_scene import ALICE, BOB, FRAMED, HOLD_S, IDLE_S, frame, payload_of
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort, Network
-from controller_apps.sessions.actions import Action, Emit, Forward, Keep, OpenPaths
+from controller_apps.sessions.actions import (
+    Action,
+    Emit,
+    Forward,
+    Keep,
+    KeepPulses,
+    OpenPaths,
+)
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.snapshot import decode_session
 from controller_apps.sessions.terms import UNFILTERED
-from wire.analyser_frames import BROADCAST, AnalyserFrame, Emission, End
+from wire.analyser_frames import (
+    BROADCAST,
+    MOST_OUTCOMES,
+    AnalyserFrame,
+    Emission,
+    End,
+    Receivers,
+    frames_of,
+)
 from wire.metadata.decoding import decode
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason, Service
@@ -55,14 +70,16 @@ def refusal(actions: list[Action]) -> Setup:
     return answer
 
 
-def test_every_switch_of_a_chain_stores_and_swaps_and_all_but_the_last_emit() -> None:
-    swaps = {(61_001, 60_001), (61_002, 60_002)}
+def test_every_switch_of_a_chain_stores_and_all_but_the_last_emit() -> None:
     emits = {(62_001, 61_002), (62_002, 2)}
-    assert hops(asked(Arbiter(line(3), HOLD_S, IDLE_S), 3)) == {
-        1: {(1, 61_001), *swaps, *emits},
-        2: {(1, 61_001), *swaps, *emits},
-        3: {(1, 61_001), (2, 61_002), *swaps},
+    actions = asked(Arbiter(line(3), HOLD_S, IDLE_S), 3)
+    assert hops(actions) == {
+        1: {(1, 61_001), *emits},
+        2: {(1, 61_001), *emits},
+        3: {(1, 61_001), (2, 61_002)},
     }
+    heard = {each.dpid: each.heard for each in actions if isinstance(each, OpenPaths)}
+    assert heard == {1: {61_001: Receivers.OPENER}, 2: {}, 3: {61_002: Receivers.ACCEPTOR}}
 
 
 def test_switches_beyond_the_chain_pass_light() -> None:
@@ -147,6 +164,30 @@ def test_switches_swap_in_the_turns_of_the_policy() -> None:
         assert closed(last) == {3}
         assert hops(last)[2] == releases
         assert closed(arbiter.inner_frame(SwitchPort(2, 60_001), 7, outcomes)) == {2}
+
+
+@pytest.mark.parametrize("pulses", [4, 2 * MOST_OUTCOMES])
+def test_a_swap_waits_for_both_ends_of_its_links_and_takes_what_both_hold(pulses: int) -> None:
+    arbiter = Arbiter(line(2), HOLD_S, IDLE_S)
+    for each in asked(arbiter, 2):
+        if isinstance(each, OpenPaths):
+            arbiter.barrier_passed(each.dpid, each.transaction, NOW)
+    held = {(1, 61_001): b"\0\0\0\xff", (1, 61_002): b"\0\0\xff\0", (2, 61_001): b"\0\xff\0\0"}
+    actions: list[Action] = []
+    for at, outcomes in held.items():
+        assert not any(isinstance(each, OpenPaths | KeepPulses) for each in actions)
+        herald = AnalyserFrame(at[1], 9, End.STORED, pulses, 0, outcomes * (pulses // 4))
+        for frame_ in frames_of(herald):
+            data = frame_.encode(BROADCAST, bytes(6))
+            actions += arbiter.inner_frame(SwitchPort(*at), 7, data)
+    kept = [each for each in actions if isinstance(each, KeepPulses)]
+    both = b"\0\xff\xff\0"
+    assert [(each.dpid, each.port, each.herald.outcomes[:4]) for each in kept] == [
+        (1, 61_001, held[1, 61_001]),
+        (1, 61_002, both),
+    ]
+    assert {len(each.herald.outcomes) for each in kept} == {pulses}
+    assert hops(actions) == {1: {(61_001, 60_001), (61_002, 60_002)}}
 
 
 def stored(arbiter: Arbiter, dpid: int) -> dict[int, set[tuple[int, int]]]:

@@ -13,7 +13,13 @@ import uvloop
 from dispatcher_network import FAST_HZ, Bench, block, configuration, running
 from test_switch_analysers import PAIRS, PatientClock, Scene, correlated
 
-from wire.dispatcher_pb2 import BellOutcomes, EmitRequest, MeasureRequest, TunePortRequest
+from wire.dispatcher_pb2 import (
+    BellOutcomes,
+    EmitRequest,
+    KeepRequest,
+    MeasureRequest,
+    TunePortRequest,
+)
 from wire.parameters.physics import BadParameter, Device, Memory, PairSource
 from wire.parameters.switch import QuantumSwitch
 
@@ -139,6 +145,65 @@ def test_blocks_leave_in_the_order_in_which_they_came(tmp_path: Path) -> None:
         assert feedback.photons == PAIRS
 
     play(tmp_path, act)
+
+
+NAMED = 0.3, 0.7  # of the pulses in each memory
+
+
+@pytest.mark.parametrize("basis", [MeasureRequest.Z, MeasureRequest.X, MeasureRequest.Y])
+def test_pulses_that_are_named_meet_without_gaps(tmp_path: Path, basis: Any) -> None:
+    """The i-th named of one meets the i-th named of the other: ideal pairs, by enumeration."""
+
+    async def act(scene: Scene) -> None:
+        random = np.random.default_rng(1)
+        await scene.bench.switch.connect(*STORING)
+        await scene.emit_both()
+        await require_stored(scene, ONE, TWO)
+        named = [np.flatnonzero(random.random(PAIRS) < share) for share in NAMED]
+        for port, pulses in zip((ONE, TWO), named, strict=True):
+            for begin in (0, PAIRS // 2):
+                await keep(scene, port, 1, pulses, begin)
+        await scene.bench.switch.connect(*STORING, *LEADING)
+        outcomes = await swapped(scene)
+        first, second = (pulses[: outcomes.size] for pulses in named)
+        assert outcomes.size == min(pulses.size for pulses in named)
+        paulis = np.zeros(PAIRS, np.uint8)
+        paulis[second] = outcomes
+        await scene.bench.bob.apply(block(1), paulis.tobytes())
+        one = await scene.bench.alice.measure(block(0), basis)
+        other = await scene.bench.bob.measure(block(1), basis)
+        a = np.frombuffer(one.outcomes, np.uint8)[first]
+        b = np.frombuffer(other.outcomes, np.uint8)[second]
+        assert ((a == b) != (basis == MeasureRequest.Y)).all()
+
+    play(tmp_path, act)
+
+
+def test_two_blocks_of_which_one_has_no_pulse_left_meet_all_the_same(tmp_path: Path) -> None:
+    async def act(scene: Scene) -> None:
+        await scene.bench.switch.connect(*STORING)
+        await scene.emit_both()
+        await require_stored(scene, ONE, TWO)
+        with pytest.raises(grpc.aio.AioRpcError, match="no 2000 pulses of number 2 are in"):
+            await keep(scene, ONE, 2, np.arange(0))
+        await keep(scene, ONE, 1, np.arange(0))
+        await keep(scene, TWO, 1, np.arange(PAIRS))
+        await scene.bench.switch.connect(*STORING, *LEADING)
+        assert not (await swapped(scene)).size
+
+    play(tmp_path, act)
+
+
+async def keep(
+    scene: Scene, port: int, number: int, pulses: np.ndarray[Any, Any], begin: int | None = None
+) -> None:
+    """Name pulses of a block; begin: only among a half of the block, from there on."""
+    unwanted = np.full(PAIRS, 255, np.uint8)
+    unwanted[pulses] = 0
+    first, end = (0, PAIRS) if begin is None else (begin, begin + PAIRS // 2)
+    request = KeepRequest(switch="q1", port=port, number=number, first=first)
+    request.outcomes = unwanted[first:end].tobytes()
+    await scene.bench.switch.call("Keep", request)
 
 
 def test_light_that_nothing_releases_or_that_finds_no_room_ends_by_name(tmp_path: Path) -> None:

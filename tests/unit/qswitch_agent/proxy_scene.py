@@ -52,6 +52,7 @@ class Optics:
         self.made: set[CrossConnect] = set()
         self.cutoffs_s: dict[int, float] = {}
         self.emitted: list[tuple[int, Emission]] = []
+        self.chosen: list[AnalyserFrame] = []
         self.tuned: list[tuple[int, int | None, float | None, Direction]] = []
         self.failure: Exception | None = None
         self.refused: set[tuple[int, int]] = set()  # paths; a set with one of them is refused
@@ -103,6 +104,9 @@ class Optics:
 
     async def emit(self, port: int, emission: Emission) -> None:
         self.emitted.append((port, emission))
+
+    async def keep(self, chosen: AnalyserFrame) -> None:
+        self.chosen.append(chosen)
 
     async def close(self) -> None:
         """Close nothing."""

@@ -14,7 +14,14 @@ from qswitch_agent.middleware.flow_table import FlowTable
 from qswitch_agent.openflow import messages, packets
 from qswitch_agent.openflow.messages import Framer
 from wire import optical
-from wire.analyser_frames import AnalyserCounts, AnalyserFrame, Emission, End, decode_counts
+from wire.analyser_frames import (
+    BROADCAST,
+    AnalyserCounts,
+    AnalyserFrame,
+    Emission,
+    End,
+    decode_counts,
+)
 from wire.parameters.switch import inner_ports
 
 OUTCOMES = bytes([0, 1, 2, 3, 255, 255])
@@ -70,6 +77,28 @@ def test_a_frame_into_a_source_has_it_emit() -> None:
                 now.controller.says(wrong)
                 assert isinstance(of.decoded(await now.controller.next()), parser.OFPErrorMsg)
             assert now.optics.emitted == [(62_002, emission)]
+
+    play(scene())
+
+
+def test_a_herald_into_a_memory_names_its_pulses_and_other_packets_are_refused() -> None:
+    herald = AnalyserFrame(61_001, 3, End.STORED, 4, 1, bytes([0, 255]))
+    frame = herald.encode(BROADCAST, bytes(6))
+    outcomes = replace(herald, end=End.MEASURED).encode(BROADCAST, bytes(6))
+
+    async def scene() -> None:
+        async with stage() as now:
+            now.switch.inner = frozenset(inner_ports(1, 2))
+            now.controller.says(of.packet_out(frame, 61_002))
+            for wrong in (
+                of.packet_out(frame, 60_001),
+                of.packet_out(outcomes, 61_002),
+                of.packet_out(frame, 61_002, 1),
+                of.packet_out(frame[:-1] + b"\1", 61_002),
+            ):
+                now.controller.says(wrong)
+                assert isinstance(of.decoded(await now.controller.next()), parser.OFPErrorMsg)
+            assert now.optics.chosen == [replace(herald, port=61_002)]
 
     play(scene())
 

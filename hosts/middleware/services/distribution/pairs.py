@@ -112,11 +112,15 @@ class Pairs:
                 f"{MAX_BLOCKS} blocks are kept at most; choose larger ones (block_pairs)",
             )
 
-    def share(self, number: int, ours: Mask, theirs: Mask) -> Steps[None]:
-        """Keep of a new block the pairs of which both halves have arrived."""
+    def share(
+        self, number: int, ours: Mask, theirs: Mask, emitted: int | None = None
+    ) -> Steps[None]:
+        """Keep of a new block the pairs of which both halves have arrived; all were emitted."""
         self.admit(number)
-        kept = yield from keep(self._name(number), ours & theirs)
-        self.add(number, ours.size, kept)
+        kept = 0
+        if ours.size:
+            kept = yield from keep(self._name(number), ours & theirs)
+        self.add(number, ours.size if emitted is None else emitted, kept)
 
     def add(self, number: int, emitted: int, size: int, since_ns: int = 0) -> None:
         """Count a new block, of which both ends have kept pairs, all of them shared."""

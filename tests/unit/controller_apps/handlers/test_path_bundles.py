@@ -97,4 +97,4 @@ def test_classical_ports_alone_of_a_quantum_switch_forward_as_any_switch_does() 
         for number, each in properties.items()
     }
     entries = flow_entries.classical_entries(datapath)
-    assert sorted(entry.match["in_port"] for entry in entries) == [3, 3, 4, 4]
+    assert sorted(entry.match["in_port"] for entry in entries) == [3, 3, 3, 4, 4, 4]
