@@ -46,6 +46,9 @@ def translated(words: Sequence[str]) -> list[str]:
     for old, new in VERBS.items():
         if tuple(words[: len(old)]) == old and not _has_kind(words):
             today[: len(old)] = new
+    if today[:2] == ["run", "switch_swap"]:
+        named = any(word.partition("=")[0] == "--topology" for word in today)
+        today = ["run", "swap", *today[2:], *([] if named else ["--topology", "chain"])]
     if today[:1] and today[0] in WITH_NETWORK:
         today = _with_pace([new for word in today for new in OPTIONS.get(word, (word,))])
         today = _with_parameters(today)

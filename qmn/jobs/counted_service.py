@@ -11,7 +11,7 @@ from rich.console import Console
 from controller_apps.policy.schedules import PARALLEL
 from hosts.middleware.services.interception.passing import SPLIT
 from hosts.middleware.services.key_distribution.options import KeyOptions
-from hosts.middleware.services.switch_swap import MOST_SWITCHES, SwitchSwapOptions
+from hosts.middleware.services.switch_swap import MOST_SWITCHES, SwapOptions
 from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import ServiceOptions
@@ -28,7 +28,7 @@ from qmn.network.felt_settings import Felt, checked_settings, everything, felt_b
 from qmn.network.light_checks import check_light
 from qmn.options import BadInput, check_ranges
 from qmn.requests.service import ServiceRequest
-from qmn.requests.service_verbs import Verb, verb_of
+from qmn.requests.service_verbs import VERBS, Verb, verb_name, verb_of
 from qmn.results.run_folder import begin_folder
 from topologies.networks.network import Signals, require_free
 from wire.features import EMIT
@@ -39,6 +39,7 @@ from wire.parameters.physics import BEAM_SPLITTER, Device
 from wire.services import used_parts
 
 PARTS = "analysers=1", "memories=2", "sources=1"  # of a switch that swaps, for --switch
+SWAPPING = "chain"  # the topology whose switches swap, with these parts
 
 
 class Length(NamedTuple):
@@ -59,7 +60,7 @@ def begun(
     """Return the job and its context, with a folder; raise before there is one."""
     request, network = checked(request)
     require_free(network.topo)
-    folder = begin_folder(request.run.runs, request.service)
+    folder = begin_folder(request.run.runs, folder_name(request.service))
     network = with_policy(request, network, folder)
     context = RunContext(network, request.run, folder, signals, console)
     return job(request, network), context
@@ -89,13 +90,19 @@ def job(request: ServiceRequest, network: NetworkDescription) -> runner.Job:
         acceptor=request.receiver,
         others=request.others,
         request=replace(request, phases_rad=_phases(request, network)),
-        announcement=f"{service} {_between(request)}: {length.total:,} {length.unit}",
+        announcement=f"{folder_name(service)} {_between(request)}: {length.total:,} {length.unit}",
         unit=length.unit,
         total=length.total,
         done=lambda figures: int(getattr(figures, length.field, 0)),
         eve=attack_of(request, network),
         hand_out=request.hand_out,
     )
+
+
+def folder_name(service: str) -> str:
+    """Return by what name users know a service: of its verb, or of its protocol."""
+    name = verb_name(service)
+    return name if service == VERBS[name].in_switches else service
 
 
 def length_of(options: ServiceOptions, verb: Verb) -> Length:
@@ -150,8 +157,8 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     """
     if request.eve is not None:
         request = replace(request, network=eavesdropping.with_eve(request.network))
-    if isinstance(request.options, SwitchSwapOptions):
-        request = with_parts(request)
+    if isinstance(request.options, SwapOptions):
+        request = with_parts(request, request.options)
     request, network, felt = fitted(request, describe_network(request.network))
     return request, checked_settings(request.service, felt, network)
 
@@ -163,8 +170,8 @@ def fitted(
 
     Raise BadInput for what cannot be done there.
     """
-    if isinstance(request.options, SwitchSwapOptions):
-        request = replace(request, options=with_swaps(request.options, network))
+    if isinstance(request.options, SwapOptions):
+        request = in_switches(request, request.options, network)
     options = replace(request.options, host=network.node(request.receiver))
     request = replace(request, sender=network.node(request.sender), options=options)
     if request.service == RELAYED:
@@ -193,8 +200,10 @@ def fitted(
         eavesdropping.check(ends, network)
         attack_of(request, network)  # whether it can be
     planned = request.schedule is not None or request.purify is not None
-    if request.purify is not None and isinstance(request.options, SwitchSwapOptions):
-        raise BadInput("--purify is of repeaters that are hosts (qmn run swap): leave it out")
+    if request.purify is not None and request.service == verb_of(request.service).in_switches:
+        raise BadInput(
+            "--purify is of repeaters that are hosts (--topology repeaters): leave it out"
+        )
     if planned and request.network.policy:
         text = "--schedule and --purify make a policy of their own"
         raise BadInput(f"{text}: write [swap] schedule and rounds into --policy")
@@ -203,18 +212,29 @@ def fitted(
     return replace(request, options=options), network, felt
 
 
-def with_parts(request: ServiceRequest) -> ServiceRequest:
-    """Return the request with parts in all switches of a topology of ours, if it names none."""
+def with_parts(request: ServiceRequest, options: SwapOptions) -> ServiceRequest:
+    """Return the request with parts in all switches of a topology of ours, if it names none.
+
+    Switches swap in chains, and where the request says in how many.
+    """
     network = request.network
-    if is_custom(network.topology) or any("analysers=" in word for word in network.switch):
+    swap = options.swaps or network.topology.split(",")[0] == SWAPPING
+    named = any("analysers=" in word for word in network.switch)
+    if not swap or named or is_custom(network.topology):
         return request
     return replace(request, network=replace(network, switch=(*network.switch, *PARTS)))
 
 
-def with_swaps(options: SwitchSwapOptions, network: NetworkDescription) -> SwitchSwapOptions:
-    """Return the options with a swap in each switch that can, unless they say in how many."""
+def in_switches(
+    request: ServiceRequest, options: SwapOptions, network: NetworkDescription
+) -> ServiceRequest:
+    """Return the request with a swap in each switch that can, unless it says in how many."""
     able = sum(optics.analysers > 0 for optics in network.parts.switches.values())
-    return replace(options, swaps=options.swaps or min(able, MOST_SWITCHES))
+    swaps = options.swaps or min(able, MOST_SWITCHES)
+    if not swaps:
+        return request
+    service = verb_of(request.service).in_switches
+    return replace(request, service=service, options=replace(options, swaps=swaps))
 
 
 def with_beam_splitter(

@@ -10,7 +10,7 @@ from qmn.registered import REQUESTS, registered
 from qmn.requests.keeping import kept_fields, read_kept
 from qmn.requests.request import Request
 from qmn.requests.service import ServiceRequest
-from qmn.requests.service_verbs import APPLICATION_PORT, SERVICE_PORT, VERBS
+from qmn.requests.service_verbs import APPLICATION_PORT, SERVICE_PORT, VERBS, services_of
 from qmn.requests.superdense import SERVICE, SuperdenseRequest
 
 LOAD = "load"  # a job, whatever its sessions are of
@@ -46,8 +46,8 @@ KEPT: Mapping[str, Kept] = MappingProxyType(
                 {"service": service, "port": SERVICE_PORT},
                 {"options": NAMES[service].options},
             )
-            for name, verb in VERBS.items()
-            for service in verb.protocols or (name,)
+            for name in VERBS
+            for service in services_of(name)
         },
         **{name: Kept(entry.load()) for name, entry in registered(REQUESTS).items()},
     }

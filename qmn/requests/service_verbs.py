@@ -20,6 +20,7 @@ class Verb:
     eavesdropper: bool = False  # whether eve may be put on the fibre
     source: bool = False  # whether the host that makes pairs can be chosen
     scheduled: bool = False  # whether repeaters take turns
+    in_switches: str = ""  # the service that does it where switches of the network can
     keys: bool = False  # whether it leaves keys
     line: bool = False  # whether its hosts are named together, in an order
 
@@ -32,16 +33,11 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             source=True,
         ),
         "swap": Verb(
-            "put pairs into the memories of two hosts by way of repeaters",
+            "put pairs into the memories of two hosts by way of repeaters, or switches that swap",
             "pairs",
             topology="repeaters",
             scheduled=True,
-        ),
-        "switch_swap": Verb(
-            "put pairs into the memories of two hosts by way of switches that swap",
-            "pairs",
-            topology="chain",
-            scheduled=True,
+            in_switches="switch_swap",
         ),
         "ghz": Verb(
             "make GHZ states of several hosts, and estimate their fidelity",
@@ -83,5 +79,15 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
 )
 
 
+def services_of(name: str) -> tuple[str, ...]:
+    """Return the services that do what a verb of this name says."""
+    verb = VERBS[name]
+    return (*(verb.protocols or (name,)), *([verb.in_switches] if verb.in_switches else []))
+
+
+def verb_name(service: str) -> str:
+    return next(name for name in VERBS if service in services_of(name))
+
+
 def verb_of(service: str) -> Verb:
-    return next(verb for name, verb in VERBS.items() if service in (name, *verb.protocols))
+    return VERBS[verb_name(service)]

@@ -261,9 +261,10 @@ def test_a_chain_of_switches_has_pairs_as_the_closed_form_says(
     words += ["--loss-db-per-km", str(loss_db_per_km)]
     for host in ("alice", "bob"):
         words += ["--device", f"{host}.source.fidelity={source}"]
-    done = run_qmn("run", "switch_swap", *words, "--without", "report", "--runs", str(tmp_path))
+    done = run_qmn("run", "swap", *words, "--without", "report", "--runs", str(tmp_path))
     assert done.returncode == 0, done.stdout + done.stderr
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
+    assert (tmp_path / "latest").resolve().name.endswith("-swap")
     assert result["time"] == "stepped"
     waited = np.array(waits(tmp_path / "latest" / "quantum.log"))
     last, first = waited.sum(axis=0) / (len(waited) / (2 * switches)) / t2_s  # in all memories

@@ -49,12 +49,12 @@ MOST_SWITCHES = 64
 
 
 @dataclass(frozen=True)
-class SwitchSwapOptions(DistributeOptions):
-    """Pairs by way of switches that swap."""
+class SwapOptions(DistributeOptions):
+    """Pairs by way of repeaters, or of switches that swap."""
 
     swaps: int = option(
         0,
-        "quantum switches that the controller has swap; 0: somebody else programs one (0)",
+        "quantum switches that the controller has swap (all that can); 0: hosts swap",
         metavar="N",
         range=(0, MOST_SWITCHES),
     )
@@ -111,7 +111,7 @@ def _kept(side: HostSide, number: int) -> BlockName:
     return side.block(number, half=0)
 
 
-async def swap(end: OpenerEnd, options: SwitchSwapOptions) -> Answerer:
+async def swap(end: OpenerEnd, options: SwapOptions) -> Answerer:
     """Do what the opener does; return what answers its application."""
     with analyser_socket(end.setup.session, Receivers.OPENER) as frames:
         return await make_pairs(end, options, partial(make, end.side, frames))
@@ -123,4 +123,4 @@ async def receive(end: AcceptorEnd) -> Answerer:
         return await share_pairs(end, partial(share, end.side, frames))
 
 
-KIND = ServiceKind(Service.SWITCH_SWAP, SwitchSwapOptions, swap, receive)
+KIND = ServiceKind(Service.SWITCH_SWAP, SwapOptions, swap, receive)

@@ -38,6 +38,8 @@ COMMANDS = [
     ("calibrate alice q1", "set calibrate alice q1"),
     ("policy reload", "set policy reload"),
     ("set alice fec golay", "set host alice fec golay"),
+    ("run switch_swap --count 5", "run swap --count 5 --topology chain"),
+    ("run switch_swap --topology=chain,2", "run swap --topology=chain,2"),
     ("share RUN COPY", "runs export RUN COPY"),
     ("demo", "lab demo"),
     ("demo flapping --seed 5", "lab demo flapping --seed 5"),

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from hosts.middleware.services.distribution.purification import DistributeOptions
+from hosts.middleware.services.switch_swap import SwapOptions
 from hosts.middleware.services.teleportation.teleport import TeleportOptions
 from hosts.middleware.session.options import ServiceOptions
 from qmn.__main__ import described
@@ -67,7 +68,7 @@ def test_the_words_of_the_command_line_reach_the_service() -> None:
 
 def test_a_swap_goes_over_as_many_repeaters_as_are_wanted() -> None:
     request, network = checked(parse("swap", "--topology", "repeaters,3", "--count", "7"))
-    assert request.options == DistributeOptions("bob", 9, count=7)
+    assert request.options == SwapOptions("bob", 9, count=7)
     assert network.hosts == ["alice", "bob", "r1", "r2", "r3"]
 
 

@@ -54,10 +54,25 @@ def test_only_swaps_have_turns() -> None:
 
 
 def test_switches_take_turns_and_purify_nothing() -> None:
-    request, _network = checked(
-        parse("switch_swap", "--topology", "chain,2", "--schedule", "nested")
-    )
+    request, _network = checked(parse("swap", "--topology", "chain,2", "--schedule", "nested"))
     assert request.network.switch == ("analysers=1", "memories=2", "sources=1")
-    assert getattr(request.options, "swaps", 0) == 2
+    assert (request.service, getattr(request.options, "swaps", 0)) == ("switch_swap", 2)
     with pytest.raises(BadInput, match="--purify is of repeaters that are hosts"):
-        checked(parse("switch_swap", "--purify", "1"))
+        checked(parse("swap", "--topology", "chain", "--purify", "1"))
+
+
+@pytest.mark.parametrize(
+    ("words", "service"),
+    [
+        ((), "swap"),
+        (("--topology", "sdc"), "swap"),
+        (("--topology", "sdc", "--swaps", "1"), "switch_swap"),
+        (("--topology", "sdc", "--switch", "q1.analysers=1"), "switch_swap"),
+        (("--topology", "chain,2", "--swaps", "1"), "switch_swap"),
+    ],
+)
+def test_switches_swap_where_they_have_analysers_and_hosts_elsewhere(
+    words: tuple[str, ...], service: str
+) -> None:
+    request, _network = checked(parse("swap", *words))
+    assert request.service == service

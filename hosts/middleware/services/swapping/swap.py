@@ -17,10 +17,10 @@ from functools import partial
 
 from hosts.hardware.replies import HardwareError
 from hosts.middleware.services.distribution.distribute import make_pairs, share_pairs
-from hosts.middleware.services.distribution.purification import DistributeOptions
 from hosts.middleware.services.swapping.connections import OpenedLink
 from hosts.middleware.services.swapping.link import IncomingLink, OutgoingLink
 from hosts.middleware.services.swapping.protocol import Accepting, Opening
+from hosts.middleware.services.switch_swap import SwapOptions
 from hosts.middleware.session.ends import (
     AcceptorEnd,
     Answerer,
@@ -36,7 +36,7 @@ from wire.device import SwapOrder
 from wire.metadata.vocabulary import Reason, Service
 
 
-async def swap(end: OpenerEnd, options: DistributeOptions) -> Answerer:
+async def swap(end: OpenerEnd, options: SwapOptions) -> Answerer:
     """Make pairs with the acceptor; return what answers this end's application."""
     session = end.setup.session
     try:
@@ -81,4 +81,4 @@ async def _last_link(
     return connection, IncomingLink(connection.side, arrived.order), arrived.order
 
 
-KIND = ServiceKind(Service.SWAP, DistributeOptions, swap, receive)
+KIND = ServiceKind(Service.SWAP, SwapOptions, swap, receive)
