@@ -279,8 +279,18 @@ def test_a_chain_of_switches_has_pairs_as_the_closed_form_says(
     share, blocks = figures["shared"] / figures["emitted"], figures["emitted"] / BLOCK
     below = {1: 0.564, 3: 1.029}.get(switches, 0) * error
     assert abs(share - passed + below) <= 5 * error / sqrt(blocks)
+    require_waits_of_bob(tmp_path / "latest" / "quantum.log", result["job"]["asked"]["waited_ms"])
+    assert 0 < figures["sampled_waited_ms"] < 1e3 * figures["elapsed_s"]
     assert "identical" in run_qmn("replay", str(tmp_path / "latest")).stdout
     assert abs(figures["fidelity"] - expected) < 5 * sqrt(9 / 16 / figures["sampled"])
+
+
+def require_waits_of_bob(log: Path, waited_ms: float) -> None:
+    """Fail unless his halves have waited for the outcomes as the event log says."""
+    line = r" bob +wait .*block=\d+/0 photons=(\d+) after (\S+) to (\S+) s"
+    photons, least_s, most_s = np.array(re.findall(line, log.read_text()), float).T
+    mean_s = np.average((least_s + most_s) / 2, weights=photons)
+    assert abs(waited_ms - 1e3 * mean_s) < 0.01 * waited_ms
 
 
 def test_a_failed_analyser_and_a_killed_controller_end_sessions_by_name(tmp_path: Path) -> None:

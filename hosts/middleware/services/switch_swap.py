@@ -69,12 +69,12 @@ def make(
     """Have a block swapped, and keep what both ends have."""
     frames.forget()
     yield from side.announce(number, size)
-    swapped, kept = yield from _emit(side, frames, 2 * number, size)
+    swapped, kept, since_ns = yield from _emit(side, frames, 2 * number, size)
     yield side.say(Topic.COMING, number, swapped.blocks, 32)
     yield side.say(Topic.ARRIVED, number, kept, 1)
     theirs = yield from hear(Topic.ARRIVED, number, kept.size, 1)
     yield from take(side.block(number), {_kept(side, 2 * number): swapped.positions})
-    yield from pairs.share(number, kept, theirs.astype(bool), size)
+    yield from pairs.share(number, kept, theirs.astype(bool), size, since_ns)
 
 
 def share(side: HostSide, frames: AnalyserSocket, pairs: Pairs, message: Values) -> Steps[None]:
@@ -82,7 +82,7 @@ def share(side: HostSide, frames: AnalyserSocket, pairs: Pairs, message: Values)
     number, size = coming(message, side.setup.pairs)
     frames.forget()
     yield side.agree()
-    swapped, kept = yield from _emit(side, frames, 2 * number + 1, size)
+    swapped, kept, since_ns = yield from _emit(side, frames, 2 * number + 1, size)
     theirs = yield from hear(Topic.COMING, number, len(swapped.blocks), LARGEST)
     if theirs.tolist() != swapped.blocks:
         text = f"{side.peer} heard of other blocks at analysers than this host: let no other "
@@ -91,20 +91,25 @@ def share(side: HostSide, frames: AnalyserSocket, pairs: Pairs, message: Values)
     name = side.block(number, half=1)
     yield from take(name, {_kept(side, 2 * number + 1): swapped.positions})
     if kept.size:
-        yield from do(Qnic.apply, name, np.where(kept, swapped.outcomes, 0).astype(np.uint8))
+        operators = np.where(kept, swapped.outcomes, 0).astype(np.uint8)
+        corrected_ns = yield from do(Qnic.apply, name, operators)
+        pairs.corrected(int(np.count_nonzero(kept)), corrected_ns - since_ns)
         kept &= yield from store(name)
     yield side.say(Topic.ARRIVED, number, kept, 1)
-    yield from pairs.share(number, kept, arrived.astype(bool), size)
+    yield from pairs.share(number, kept, arrived.astype(bool), size, since_ns)
 
 
 def _emit(
     side: HostSide, frames: AnalyserSocket, number: int, size: int
-) -> Steps[tuple[Swapped, Mask]]:
-    """Send halves of pairs to the switch; return the swaps, and which of them have made pairs."""
+) -> Steps[tuple[Swapped, Mask, int]]:
+    """Send halves of pairs to the switch; return the swaps, and which of them have made pairs.
+
+    Also return since when (ns) the halves that stay wait, on average.
+    """
     stored = yield from own_pairs(side, number, size, side.ports[0])
     swapped: Swapped = yield Wait(partial(frames.next, size, max(1, side.setup.block)))
     here = stored.arrived[swapped.positions]
-    return swapped, here & (swapped.outcomes != NO_COINCIDENCE)
+    return swapped, here & (swapped.outcomes != NO_COINCIDENCE), stored.since_ns
 
 
 def _kept(side: HostSide, number: int) -> BlockName:

@@ -80,6 +80,7 @@ class Pairs:
         self.estimates: dict[int, Estimate] = {}  # by rounds of purification
         self._sampled: dict[int, Moments] = {}  # by rounds of purification
         self._waited = Moments()  # of those sampled, until then
+        self._corrected = Moments()  # until the bits of all swaps had come
         self.rounds = self.emitted = self.shared = self.compared = self.survived = 0
         self.dropped = 0  # too old
 
@@ -113,14 +114,19 @@ class Pairs:
             )
 
     def share(
-        self, number: int, ours: Mask, theirs: Mask, emitted: int | None = None
+        self, number: int, ours: Mask, theirs: Mask, emitted: int | None = None, since_ns: int = 0
     ) -> Steps[None]:
         """Keep of a new block the pairs of which both halves have arrived; all were emitted."""
         self.admit(number)
         kept = 0
         if ours.size:
             kept = yield from keep(self._name(number), ours & theirs)
-        self.add(number, ours.size if emitted is None else emitted, kept)
+        self.add(number, ours.size if emitted is None else emitted, kept, since_ns)
+
+    def corrected(self, pairs: int, waited_ns: int) -> None:
+        """Note how long the halves of pairs at this end have waited for the bits of all swaps."""
+        self._corrected.add(pairs, waited_ns / 1e9)
+        self.facts.waited_ms = self._corrected.mean_s * 1e3
 
     def add(self, number: int, emitted: int, size: int, since_ns: int = 0) -> None:
         """Count a new block, of which both ends have kept pairs, all of them shared."""
