@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from topologies.system.processes.programs import ROOT
 
 COMMAND = str(ROOT / "bin" / "qmn")
-# The byte code of root would be in the user's way.
-ENVIRONMENT = ("PYTHONDONTWRITEBYTECODE=1",)
 
 
 class NoRoot(Exception):
@@ -22,4 +20,4 @@ def become_root(words: Sequence[str]) -> None:
     sudo = shutil.which("sudo")
     if sudo is None:
         raise NoRoot("this needs root, and there is no sudo: run it as root")
-    os.execv(sudo, ["sudo", "env", *ENVIRONMENT, COMMAND, *words])  # noqa: S606
+    os.execv(sudo, ["sudo", COMMAND, *words])  # noqa: S606
