@@ -217,7 +217,8 @@ class Search(NamedTuple):
         ends = (self.hosts[role] for role in (Role.OPENER, Role.ACCEPTOR))
         start, end = (network.channel_ports_of(each, limits.frequency_mhz) for each in ends)
         leg = Leg(start[0], end[0])
-        path = cheapest_path(network, leg, limits)
+        # No light goes all the way: the loss budget is of each link.
+        path = cheapest_path(network, leg, limits._replace(loss_budget_mdb=None))
         if path is None:
             return self._no_paths([leg], None, limits)
         found = swapping(network, path, count, limits)

@@ -74,11 +74,33 @@ def swapping(
     for place, parts in able[:-1]:
         if not parts.source:
             return f"{network.name_of(path.hops[place].dpid)} has no free source"
+    budget_mdb, most_mdb = limits.loss_budget_mdb, _most_loss_mdb(network, path, able)
+    if budget_mdb is not None and most_mdb > budget_mdb:
+        text = f"a link of the chain loses {most_mdb / 1000:g} dB, "
+        return text + f"more than the loss budget of {budget_mdb / 1000:g} dB"
     paths = tuple(_light(path, able))
     hops = [hop for each in paths for hop in each.hops]
     if any(map(limits.blocked, directions(hops))):
         return "others have light on the way"
     return paths
+
+
+def _most_loss_mdb(network: Network, path: LightPath, able: Sequence[tuple[int, Parts]]) -> int:
+    """Return the loss of the worst link along a path, in thousandths of a dB.
+
+    Light of a link passes the switches at both of its ends, too.
+    """
+    optics, hops = network.optics, path.hops
+    switches = [optics.path(*hop) for hop in hops]
+    passed_mdb = [0 if each is None else each.loss_mdb for each in switches]
+    entered_mdb = [optics.fiber_loss_mdb(SwitchPort(hops[0].dpid, hops[0].in_port), None)]
+    for place, (near, far) in enumerate(pairwise(hops)):
+        ends = SwitchPort(near.dpid, near.out_port), SwitchPort(far.dpid, far.in_port)
+        entered_mdb.append(entered_mdb[-1] + passed_mdb[place] + optics.fiber_loss_mdb(*ends))
+    places = [place for place, _parts in able]
+    left_mdb = [0, *(entered_mdb[place] for place in places)]
+    come_mdb = [*(entered_mdb[place] + passed_mdb[place] for place in places), path.loss_mdb]
+    return max(come - left for left, come in zip(left_mdb, come_mdb, strict=True))
 
 
 def _light(path: LightPath, able: Sequence[tuple[int, Parts]]) -> Iterator[LightPath]:

@@ -38,8 +38,11 @@ WHOLE = frozenset(inner_ports(analysers=1, memories=2, sources=1))
 STORED = AnalyserFrame(61_001, 5, End.STORED, 2, 0, bytes(2)).encode(BROADCAST, bytes(6))
 
 
-def line(switches: int, inner: frozenset[int] = WHOLE) -> Network:
-    """Return alice, switches with these inner ports in a line, and bob; light goes 1 -> 2."""
+def line(switches: int, inner: frozenset[int] = WHOLE, loss_mdb: int = 0) -> Network:
+    """Return alice, switches with these inner ports in a line, and bob; light goes 1 -> 2.
+
+    Each switch loses as much as is given.
+    """
     found = Network(set(range(1, switches + 1)))
     found.inner = dict.fromkeys(found.connected, inner)
     found.attach(SwitchPort(1, 1), HostPort("alice", ALICE, "alice-q0"))
@@ -47,7 +50,7 @@ def line(switches: int, inner: frozenset[int] = WHOLE) -> Network:
     for dpid in range(1, switches):
         found.add_link(SwitchPort(dpid, 2), SwitchPort(dpid + 1, 1))
     for dpid in found.connected:
-        found.optics.switches[dpid] = rotating(0)
+        found.optics.switches[dpid] = rotating(0, loss_mdb)
     return found
 
 
@@ -107,6 +110,16 @@ def test_a_chain_that_lacks_parts_is_refused_by_name(inner: frozenset[int], text
     answer = refusal(asked(Arbiter(line(2, inner), HOLD_S, IDLE_S), 2))
     assert answer.reason == Reason.NO_CHAIN
     assert text in answer.obstacle
+
+
+@pytest.mark.parametrize(
+    ("loss_mdb", "count", "link_db"), [(15_001, 4, 30.002), (7_501, 1, 30.004)]
+)
+def test_the_loss_budget_is_of_each_link(loss_mdb: int, count: int, link_db: float) -> None:
+    """A link between neighbours passes two switches; from the only swap to bob it passes four."""
+    actions = asked(Arbiter(line(4, loss_mdb=loss_mdb), HOLD_S, IDLE_S, 30.0), count)
+    assert f"a link of the chain loses {link_db} dB" in refusal(actions).obstacle
+    assert hops(asked(Arbiter(line(4, loss_mdb=loss_mdb - 1), HOLD_S, IDLE_S, 30.0), count))
 
 
 def test_a_second_session_that_wants_the_analyser_is_busy_until_the_first_is_over() -> None:
