@@ -16,6 +16,7 @@ PROPERTY = struct.Struct("!HH")  # type, length without the padding
 OPTICAL = 1  # OFPPDPT_OPTICAL, OFPPMPT_OPTICAL and OFPPSPT_OPTICAL alike
 EXPERIMENTER = 0x00514D4E  # "QMN"; not registered with the ONF
 PATH_OPTICS, ANALYSER_COUNTS, MEMORY_COUNTS = 1, 2, 3  # exp_type of our OFPMP_EXPERIMENTER messages
+EMISSION = 1  # exp_type of our OFPT_EXPERIMENTER message: port of a source (4), frame into it
 ANY_PORT = 0xFFFFFFFF
 
 RX_TUNE, TX_TUNE, TX_PWR, USE_FREQ = 1, 2, 4, 8  # OFPOPF_

@@ -32,7 +32,14 @@ from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch, circuits, impossible_path
 from wire.analyser_frames import HERALDS, AnalyserFrame, Emission
 from wire.malformed import MalformedPacket
-from wire.optical import ANALYSER_COUNTS, MEMORY_COUNTS, PATH_OPTICS, encode_path_optics
+from wire.optical import (
+    ANALYSER_COUNTS,
+    EMISSION,
+    EXPERIMENTER,
+    MEMORY_COUNTS,
+    PATH_OPTICS,
+    encode_path_optics,
+)
 from wire.parameters.switch import Kind, inner_port
 
 
@@ -258,8 +265,10 @@ class Requests:
 
     async def _packet_out(self, message: bytes) -> None:
         packet = PacketOut.decode(message)
-        if self._switch.paths.table.sources.intersection(packet.outputs):
-            await self._emit(packet)
+        if sources := self._switch.paths.table.sources.intersection(packet.outputs):
+            if len(packet.actions) > 1:
+                raise refusals.bad_out_port("into a source's port goes one frame, and no further")
+            await self._emit(min(sources), packet.frame)
             return
         if inner := self._switch.inner.intersection(packet.outputs):
             await self._choose(packet, min(inner))
@@ -275,14 +284,12 @@ class Requests:
         require_not_slave(self._link, "PACKET_OUT")
         self._switch.send_lldp(packet.outputs[0], packet.frame)
 
-    async def _emit(self, packet: PacketOut) -> None:
+    async def _emit(self, port: int, frame: bytes) -> None:
         """Have a source make the pairs that a frame into its port asks for."""
-        require_not_slave(self._link, "PACKET_OUT")
-        if len(packet.actions) > 1:
-            raise refusals.bad_out_port("into the port of a source goes one frame, and no further")
-        emission = Emission.decode(packet.frame)
+        require_not_slave(self._link, "an emission")
+        emission = Emission.decode(frame)
         try:
-            await self._switch.hardware.emit(packet.outputs[0], emission)
+            await self._switch.hardware.emit(port, emission)
         except HardwareRefusal as refusal:
             raise refusals.bad_out_port(str(refusal)) from refusal
 
@@ -336,15 +343,21 @@ class Requests:
             self._link.removals.update(masks)
 
     async def _experimenter(self, message: bytes) -> None:
-        experimenter, kind = _experiment(message)
+        experimenter, kind, body = _experiment(message)
         if experimenter == NICIRA and kind in UNJUDGED:
             raise refusals.bad_experiment(
                 f"{UNJUDGED[kind]} is not offered: use OpenFlow's own messages",
             )
+        if (experimenter, kind) == (EXPERIMENTER, EMISSION):
+            port, frame = int.from_bytes(body[:4]), body[4:]
+            if port not in self._switch.paths.table.sources:
+                raise refusals.bad_out_port(f"port {port} is of no pair source")
+            await self._emit(port, frame)
+            return
         self._link.to_bridge(message)
 
 
 @messages.strict
-def _experiment(message: bytes) -> tuple[int, int]:
+def _experiment(message: bytes) -> tuple[int, int, bytes]:
     experimenter, kind = messages.EXPERIMENT.unpack_from(message, HEADER.size)
-    return experimenter, kind
+    return experimenter, kind, message[HEADER.size + messages.EXPERIMENT.size :]

@@ -56,8 +56,12 @@ NOT_HERE = {
     ),
     r"\.venv/bin/python examples/standing_light\.py": "tests/emulation/test_own_controller.py",
     r"curl -s (\$add|127\.0\.0\.1:8080/stats/)": "tests/emulation/test_switch_swaps.py",
-    r"qmn cli sdc --switch q1\.analysers=1 ": "tests/emulation/test_switch_swaps.py",
-    r"add(\(\)| q\d) |order=|ovs-ofctl .* packet-out": "tests/emulation/test_switch_swaps.py",
+    r"qmn cli (sdc --switch q1\.analysers=1|chain,.*ofctl_rest)": (
+        "tests/emulation/test_switch_swaps.py"
+    ),
+    r"(add|ask|emit|frame)(\(\)| 409)|for q in|ovs-ofctl .* add-flow q1 in_port": (
+        "tests/emulation/test_switch_swaps.py"
+    ),
     r"qmn> .* switch_swap 9": "tests/emulation/test_switch_swaps.py",
     rf"{re.escape(MININET)}.*light=standing": "tests/emulation/test_own_controller.py",
     r"cat > bell\.qasm|qmn .*bell\.qasm": "tests/unit/qmn/test_pages.py, with that file",

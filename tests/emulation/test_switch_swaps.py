@@ -26,7 +26,7 @@ from topologies.chain import ChainTopo
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 from topologies.system.runs.runtime import free_port
-from wire.parameters.physics import BellAnalyser, Device, Memory, PairSource
+from wire.parameters.physics import BellAnalyser, Device, Gates, Memory, PairSource
 
 Q1 = 0x1001
 ALICE, BOB, COPPER, FIRST, SECOND = 2, 3, 1, 60_001, 60_002  # ports of q1
@@ -35,6 +35,9 @@ CAPACITY = 5000
 T2_S = 1e-3
 FRAMES = 0x88B5  # EtherType
 BLOCK, LOSS_DB_PER_KM = 4000, 0.2
+IDEAL = Gates()
+QUISP = json.loads((ROOT / "labs" / "quisp" / "figures.json").read_text())
+NOISY_SWAP = "swap-F-0.9-gate-0.96-readout-0.98"
 FIDELITY = 0.92  # of each source, of Werner pairs
 VISIBILITY = 0.9
 
@@ -55,6 +58,30 @@ class SwapTopo(SdcTopo):
         if t2_s:
             parts |= {"memories": 2, "memory": Memory(t2_s=t2_s, capacity=CAPACITY)}
         self.setNodeInfo("q1", {**self.nodeInfo("q1"), **parts})
+
+
+class Line(ChainTopo):
+    """Switches that swap between alice and bob, who make pairs."""
+
+    def build(
+        self,
+        switches: int = 2,
+        fibers: int = 1,
+        *,
+        fidelity: float = 1.0,
+        noise: Gates = IDEAL,
+        **fiber: Any,
+    ) -> None:
+        """Lay it; q2 swaps by gates with this noise."""
+        super().build(switches, fibers, **fiber)
+        for host in ("alice", "bob"):
+            source = Device(source=PairSource(fidelity=fidelity))
+            self.setNodeInfo(host, {**self.nodeInfo(host), "device": source})
+        for number in range(1, switches + 1):
+            parts = {"analysers": 1, "memories": 2, "sources": 1}
+            gates = {"gates": noise, "analyser": BellAnalyser(kind="gates")} if number == 2 else {}
+            name = f"q{number}"
+            self.setNodeInfo(name, {**self.nodeInfo(name), **parts, **gates})
 
 
 class Curl:
@@ -86,17 +113,23 @@ def to_host(network: Network, host: str) -> list[dict[str, Any]]:
     return [{"type": "SET_FIELD", "field": "eth_dst", "value": mac}, output(COPPER)]
 
 
-def as_documented(address: str) -> None:
-    """Add the entries of docs/switch-swaps.md, which are in its third block."""
+def documented(words: str, address: str = "") -> list[str]:
+    """Return the lines of the block of docs/switch-swaps.md with such words in it."""
     page = (ROOT / "docs" / "switch-swaps.md").read_text()
-    lines = page.split("```")[5].replace("127.0.0.1:8080", address)
-    assert lines.count("curl ") == 4
-    subprocess.run(["bash", "-ec", lines], capture_output=True, timeout=SOON_S, check=True)
+    (lines,) = [block for block in page.split("```")[1::2] if words in block]
+    return lines.replace("127.0.0.1:8080", address).splitlines()
+
+
+def shell(lines: list[str]) -> None:
+    text = "\n".join(lines)
+    subprocess.run(["bash", "-ec", text], capture_output=True, timeout=SOON_S, check=True)
 
 
 @contextmanager
-def swapping(folder: Path, **noise: float) -> Iterator[tuple[Network, Curl]]:
-    """Run the network; q1 has the entries of a swap, by the commands of the documentation."""
+def swapping(
+    folder: Path, words: str = "curl -s $add", **noise: float
+) -> Iterator[tuple[Network, Curl]]:
+    """Run the network; q1 has the entries of a swap, by that block of the documentation."""
     address = f"127.0.0.1:{free_port()}"
     with (
         nothing_left(),
@@ -104,7 +137,7 @@ def swapping(folder: Path, **noise: float) -> Iterator[tuple[Network, Curl]]:
             lambda: SwapTopo(**noise), folder, rest=address, apps=["ryu.app.ofctl_rest"]
         ) as network,
     ):
-        as_documented(address)
+        shell(documented(words, address))
         yield network, Curl(address)
 
 
@@ -180,7 +213,8 @@ def test_noise_of_sources_and_of_the_analyser_is_as_the_closed_form_says(tmp_pat
     # which makes the target of one of the three other Bell states.
     werner, flip = FIDELITY**2 + (1 - FIDELITY) ** 2 / 3, (1 - VISIBILITY) / 2
     expected = werner * (1 - flip) + (1 - werner) / 3 * flip
-    with swapping(tmp_path, fidelity=FIDELITY, visibility=VISIBILITY) as (network, curl):
+    noise = {"fidelity": FIDELITY, "visibility": VISIBILITY}
+    with swapping(tmp_path, "ovs-ofctl", **noise) as (network, curl):
         hosts = [each for host in ("alice", "bob") for each in to_host(network, host)]
         curl.add(FIRST, *hosts)  # it takes the place of the one that tells everybody
         figures = swapped(network, count=4000, sample=0.5)
@@ -250,39 +284,95 @@ def test_a_chain_of_switches_has_pairs_as_the_closed_form_says(
     t2_s: float,
     loss_db_per_km: float,
 ) -> None:
-    """There are as many pairs as the poorest link has: losses make them fewer and not worse.
-
-    Of Werner links F = (1 + 3 w)/4, and w multiplies; a wait t keeps X and Y with exp(-t/T2), and
-    pulses that close up to others wait the less, the later they are.
-    """
-    words = ["--topology", f"chain,{switches}", "--length-km", "10", "--schedule", schedule]
-    words += ["--count", "4000", "--sample", "0.5", "--switch", f"memory.t2_s={t2_s}"]
-    words += ["--switch", f"source.fidelity={source}", "--block-pairs", str(BLOCK)]
-    words += ["--loss-db-per-km", str(loss_db_per_km)]
-    for host in ("alice", "bob"):
-        words += ["--device", f"{host}.source.fidelity={source}"]
-    done = run_qmn("run", "swap", *words, "--without", "report", "--runs", str(tmp_path))
-    assert done.returncode == 0, done.stdout + done.stderr
-    result = json.loads((tmp_path / "latest" / "result.json").read_text())
-    assert (tmp_path / "latest").resolve().name.endswith("-swap")
+    """There are as many pairs as the poorest link has: losses make them fewer and not worse."""
+    words = ["--topology", f"chain,{switches}", "--schedule", schedule]
+    words += ["--block-pairs", str(BLOCK), "--loss-db-per-km", str(loss_db_per_km)]
+    folder = noisy_chain(tmp_path, source, t2_s, *words)
+    assert folder.resolve().name.endswith("-swap")
+    assert 0.02 < require_closed_form(folder, switches, source, t2_s) < 0.9
+    result = json.loads((folder / "result.json").read_text())
     assert result["time"] == "stepped"
-    waited = np.array(waits(tmp_path / "latest" / "quantum.log"))
-    last, first = waited.sum(axis=0) / (len(waited) / (2 * switches)) / t2_s  # in all memories
-    closing = first - last
-    kept = exp(-last) * (1 - exp(-closing)) / closing if closing else exp(-last)
-    assert 0.02 < kept < 0.9
-    werner = ((4 * source - 1) / 3) ** (switches + 1)
-    expected = (1 + werner * (1 + 2 * kept)) / 4
     figures = result["job"]["asking"]
     passed = 10 ** (-loss_db_per_km * 10 / 10)
     error = sqrt(passed * (1 - passed) / BLOCK)  # of a link; the least of 2 and of 4 is below
     share, blocks = figures["shared"] / figures["emitted"], figures["emitted"] / BLOCK
     below = {1: 0.564, 3: 1.029}.get(switches, 0) * error
     assert abs(share - passed + below) <= 5 * error / sqrt(blocks)
-    require_waits_of_bob(tmp_path / "latest" / "quantum.log", result["job"]["asked"]["waited_ms"])
+    require_waits_of_bob(folder / "quantum.log", result["job"]["asked"]["waited_ms"])
     assert 0 < figures["sampled_waited_ms"] < 1e3 * figures["elapsed_s"]
-    assert "identical" in run_qmn("replay", str(tmp_path / "latest")).stdout
+    assert "identical" in run_qmn("replay", str(folder)).stdout
+
+
+def noisy_chain(runs: Path, source: float, t2_s: float, *words: str) -> Path:
+    """Run a session over switches whose sources and memories are such; return its folder."""
+    more = ["--length-km", "10", "--count", "4000", "--sample", "0.5"]
+    more += ["--switch", f"memory.t2_s={t2_s}", "--switch", f"source.fidelity={source}"]
+    for host in ("alice", "bob"):
+        more += ["--device", f"{host}.source.fidelity={source}"]
+    more += ["--without", "report", "--runs", str(runs)]
+    done = run_qmn("run", "swap", *words, *more)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return runs / "latest"
+
+
+def require_closed_form(folder: Path, switches: int, source: float, t2_s: float) -> float:
+    """Fail unless pairs have the fidelity of the closed form; return what X and Y keep by waits.
+
+    Of Werner links F = (1 + 3 w)/4, and w multiplies; a wait t keeps X and Y with exp(-t/T2), and
+    pulses that close up to others wait the less, the later they are.
+    """
+    waited = np.array(waits(folder / "quantum.log"))
+    last, first = waited.sum(axis=0) / (len(waited) / (2 * switches)) / t2_s  # in all memories
+    closing = first - last
+    kept = exp(-last) * (1 - exp(-closing)) / closing if closing else exp(-last)
+    werner = ((4 * source - 1) / 3) ** (switches + 1)
+    expected = (1 + werner * (1 + 2 * kept)) / 4
+    figures = json.loads((folder / "result.json").read_text())["job"]["asking"]
     assert abs(figures["fidelity"] - expected) < 5 * sqrt(9 / 16 / figures["sampled"])
+    return float(kept)
+
+
+def test_an_app_of_os_ken_alone_swaps_over_three_switches(tmp_path: Path) -> None:
+    (line,) = documented("examples.repeaters")[1:]
+    example = (ROOT / "examples" / "repeaters.py").read_text()
+    assert line in example
+    assert len(example.splitlines()) <= 60
+    words = line.removeprefix("qmn run swap ").split()
+    folder = noisy_chain(tmp_path, FIDELITY, 1.0, *words)
+    assert require_closed_form(folder, 3, FIDELITY, 1.0) < 0.999
+    made = re.findall(r"(q\d-source1) +create +session=(\w+)", (folder / "quantum.log").read_text())
+    names = {("q1-source1", f"{Q1:016x}"), ("q2-source1", f"{Q1 + 1:016x}")}
+    assert set(made) == names  # those of the app, not of c0
+
+
+def test_curl_alone_swaps_over_three_switches_as_quisp_does(tmp_path: Path) -> None:
+    """Two Werner links, and one switch of three that errs as QuISP's repeater does."""
+    (row,) = [each for each in QUISP["figures"] if each["name"] == NOISY_SWAP]
+    noise = Gates(
+        two_qubit_depolarizing=1 - row["gate"],
+        readout_error=1 - row["readout"],
+    )
+    address = f"127.0.0.1:{free_port()}"
+    lines = documented("emit 4097", address)
+    functions = [line for line in lines if "() {" in line]
+    emits = [line for line in lines if line.startswith("emit 4")]
+    topo, rest = (
+        Line(3, fidelity=row["fidelity"], noise=noise),
+        {"rest": address, "apps": ["ryu.app.ofctl_rest"]},
+    )
+    with nothing_left(), running(lambda: topo, tmp_path, **rest) as network:
+        shell([line for line in lines if line not in emits])
+        with ThreadPoolExecutor(1) as threads:
+            asked = {"count": 4000, "sample": 0.5, "block_pairs": 16_384, "swaps": 3}
+            session = threads.submit(swapped, network, **asked)
+            wait_until(lambda: status(network).pairs_created == 2 * 8401, "both ends emit", 10)
+            shell(functions + emits)
+            figures = session.result(60)
+        assert status(network).pairs_created == 4 * 8401
+        require_nothing_left(network)
+    fidelity, error = row["swapped"]
+    ours = sqrt(9 / 16 / figures["sampled"])
+    assert abs(figures["fidelity"] - fidelity) < 5 * sqrt(ours**2 + error**2)
 
 
 def require_waits_of_bob(log: Path, waited_ms: float) -> None:
@@ -294,15 +384,7 @@ def require_waits_of_bob(log: Path, waited_ms: float) -> None:
 
 
 def test_a_failed_analyser_and_a_killed_controller_end_sessions_by_name(tmp_path: Path) -> None:
-    def line() -> ChainTopo:
-        topo = ChainTopo(2, 1)
-        for switch in ("q1", "q2"):
-            parts = {"analysers": 1, "memories": 2, "sources": 1}
-            topo.setNodeInfo(switch, {**topo.nodeInfo(switch), **parts})
-        return topo
-
-    with nothing_left(), running(line, tmp_path) as network:
-        require_chain_by_hand(network)
+    with nothing_left(), running(lambda: Line(2), tmp_path) as network:
         assert swapped(network, count=100, swaps=2)["pairs"] == 100
         config = dispatcher_of_running_network()
         with ended(network, "that part of it has failed"):
@@ -312,18 +394,6 @@ def test_a_failed_analyser_and_a_killed_controller_end_sessions_by_name(tmp_path
         wait_until(lambda: not refusal(network), "c0 knows that, too", 10)
         with ended(network, "no outcomes of"):
             network.net.controllers[0].program.kill()
-
-
-def require_chain_by_hand(network: Network) -> None:
-    """Fail unless the documentation's lines of ovs-ofctl swap a block in two switches."""
-    page = (ROOT / "docs" / "switch-swaps.md").read_text()
-    (lines,) = [block for block in page.split("```") if "add()" in block]
-    subprocess.run(["bash", "-ec", lines], capture_output=True, timeout=SOON_S, check=True)
-    assert swapped(network, count=1000, sample=0, swaps=2)["pairs"] == 1000
-    assert status(network).pairs_created == 3 * 1051
-    for switch, port in re.findall(r"add (q\d) in_port=(\d+)", lines):
-        words = ["ovs-ofctl", "-O", "OpenFlow14", "del-flows", switch, f"in_port={port}"]
-        subprocess.run(words, capture_output=True, timeout=SOON_S, check=True)
 
 
 @contextmanager

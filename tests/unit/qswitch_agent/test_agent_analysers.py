@@ -63,6 +63,12 @@ def test_counts_are_told_to_who_asks_for_them() -> None:
     play(scene())
 
 
+def order_of_ours(source: int, emission: Emission) -> bytes:
+    head = messages.EXPERIMENT.pack(optical.EXPERIMENTER, optical.EMISSION)
+    body = head + source.to_bytes(4) + emission.encode()
+    return messages.encode(ofp.OFPT_EXPERIMENTER, 5, body)
+
+
 def test_a_frame_into_a_source_has_it_emit() -> None:
     emission = Emission(7, 1, 100, 50_000_000, 193_400_000)
 
@@ -70,13 +76,15 @@ def test_a_frame_into_a_source_has_it_emit() -> None:
         async with stage() as now:
             now.switch.paths.table = FlowTable(FIBERS, [62_001, 62_002])
             now.controller.says(of.packet_out(emission.encode(), 62_002))
+            now.controller.says(order_of_ours(62_001, emission))
             for wrong in (
                 of.packet_out(of.PING, 62_001),
                 of.packet_out(emission.encode(), 62_001, 1),
+                order_of_ours(60_001, emission),
             ):
                 now.controller.says(wrong)
                 assert isinstance(of.decoded(await now.controller.next()), parser.OFPErrorMsg)
-            assert now.optics.emitted == [(62_002, emission)]
+            assert now.optics.emitted == [(62_002, emission), (62_001, emission)]
 
     play(scene())
 
