@@ -29,10 +29,12 @@ from os_ken.ofproto.ofproto_parser import msg as parse
 from os_ken.ofproto.ofproto_protocol import ProtocolDesc
 
 from qswitch_agent.openflow.messages import HEADER, Framer
+from topologies.system.open_vswitch.openvswitch import management
 from topologies.system.processes.programs import python
 from topologies.system.runs.runtime import free_port
 from wire import dispatcher_pb2 as pb
 from wire import dispatcher_service, optical
+from wire.analyser_frames import MemoryCounts, decode_counts
 from wire.config import AgentConfig
 from wire.dispatcher_service import cross_connects_socket
 
@@ -223,6 +225,9 @@ class Controller:
         self.socket = self.listener.accept()[0]
         self.socket.settimeout(DEADLINE_S)
         self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.greet()
+
+    def greet(self) -> None:
         self.framer, self.received = Framer(), list[bytes]()
         self.send(parser.OFPHello(DATAPATH), 1)
         assert isinstance(self.next(), parser.OFPHello)
@@ -293,6 +298,28 @@ class Controller:
 
     def _control(self, xid: int, kind: int, flags: int) -> None:
         self.send(parser.OFPBundleCtrlMsg(DATAPATH, xid, kind, flags, []), xid)
+
+
+class Operator(Controller):
+    """One that connects to a switch's agent as ovs-ofctl does, until the end of a `with`."""
+
+    def __init__(self, switch: str) -> None:
+        self.socket = socket.socket(socket.AF_UNIX)
+        self.socket.settimeout(DEADLINE_S)
+        self.socket.connect(str(management(switch)))
+        self.greet()
+
+    def __enter__(self) -> "Operator":
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.socket.close()
+
+    def memories(self) -> list[MemoryCounts]:
+        """Return the statistics of the switch's memories."""
+        ask = parser.OFPExperimenterStatsRequest
+        self.send(ask(DATAPATH, 0, optical.EXPERIMENTER, optical.MEMORY_COUNTS, b""), 900)
+        return decode_counts(bytes(self.answer(900).body.data), MemoryCounts)
 
 
 class Switch:

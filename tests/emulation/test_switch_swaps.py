@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from agent_scene import Operator
 from conftest import ROOT, nothing_left, wait_until
 from fabric_scene import running, served
 from limits import SOON_S
@@ -147,7 +148,12 @@ def swapped(network: Network, **options: Any) -> dict[str, Any]:
 
 
 def require_nothing_left(network: Network) -> None:
+    """Fail unless all qubits are gone, also by the statistics of memories."""
     wait_until(lambda: not status(network).live_qubits, "no qubit is left")
+    for name, optics in network.runtime.switches.items():
+        if optics.memories:
+            with Operator(name) as operator:
+                assert {each.held for each in operator.memories()} == {0}
 
 
 @contextmanager
@@ -230,8 +236,10 @@ def test_halves_wait_in_memories_until_entries_release_them(tmp_path: Path) -> N
             curl.add(fiber, output(memory))
             frames = {"in_port": memory, "eth_type": FRAMES}
             curl.add(memory, output(COPPER), match=frames, priority=40_000)
+        curl.add(MEMORIES[0], output(FIRST), hard_timeout=3)  # while alice's light waits for bob's
         with pytest.raises(QuantumSocketError, match="nothing released it from the memory there"):
             swapped(network, count=100)
+        assert not [flow for flow in curl(f"flow/{Q1}") if flow["hard_timeout"]]
         require_nothing_left(network)
         with pytest.raises(QuantumSocketError, match="or the part of the switch"):
             swapped(network, count=10_000, block_pairs=CAPACITY + 1)

@@ -1,0 +1,126 @@
+"""Analysers, memories and sources of a switch: what OpenFlow answers, and who may have them."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from agent_scene import DATAPATH, PING, Operator, accepted, flow_mod, light, outputs, refused
+from conftest import nothing_left, wait_until
+from fabric_scene import running
+from os_ken.ofproto import ofproto_v1_4 as ofp
+from os_ken.ofproto import ofproto_v1_4_parser as parser
+from test_switch_swaps import BOB, Line, require_nothing_left, swapping
+
+from hosts.client import blocking_session
+from hosts.stack_socket import QuantumSocketError
+from qmn.running.dispatcher_calls import status
+from topologies.networks.network import Network
+from wire import optical
+from wire.analyser_frames import Emission, MemoryCounts
+
+ALICE, MEMORY, ANALYSER, SOURCE = 2, 61_001, 60_001, 62_001  # ports of q1
+PAIRS = 100
+OUT_PORT = ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT
+
+
+class Crossing(Line):
+    """charlie and dave have fibres of their own, all the way, but no analyser."""
+
+    def build(self, switches: int = 2, fibers: int = 2, **line: Any) -> None:
+        """Lay it."""
+        super().build(switches, fibers, **line)
+        self.add_host("dave", "10.0.0.5")
+        self.join("dave", "q2", 1)
+
+
+def session(network: Network, ends: tuple[str, str], port: int, **options: Any) -> dict[str, Any]:
+    """Have pairs of two hosts; return what the opener learns."""
+    with blocking_session(
+        network.runtime.socket, "switch_swap", ends, port, limit_s=60.0, **options
+    ) as asked:
+        asked.results()
+        asked.end()
+        return dict(asked.summary)
+
+
+def test_memories_and_sources_answer_as_openflow_says(tmp_path: Path) -> None:
+    with nothing_left(), running(lambda: Line(1), tmp_path) as network, Operator("q1") as operator:
+        require_refusals(operator)
+        for entry in (light(SOURCE, MEMORY), light(MEMORY, ALICE, priority=1, cookie=7)):
+            accepted(operator, entry)
+        emission = Emission(7, 1, PAIRS, 50_000_000, 193_400_000)
+        accepted(operator, packet_out(SOURCE, emission.encode()))
+        # Half 0 is stored and leaves for alice at once; half 1 has no entry.
+        wait_until(lambda: counts(operator).released == PAIRS, "memory releases the block")
+        assert counts(operator) == MemoryCounts(MEMORY, 0, 0, PAIRS, PAIRS, 0, 0)
+        accepted(operator, flow_mod(MEMORY, command=ofp.OFPFC_DELETE))
+        accepted(operator, cut_off(operator, 500_000_000))
+        accepted(operator, packet_out(SOURCE, replace(emission, number=2).encode()))
+        wait_until(lambda: counts(operator).cut_off, "memory lets go of the next", 10)
+        assert counts(operator) == MemoryCounts(MEMORY, 0, 0, 2 * PAIRS, PAIRS, PAIRS, 0)
+        assert status(network).pairs_created == 2 * PAIRS
+
+
+def counts(operator: Operator) -> MemoryCounts:
+    return operator.memories()[0]
+
+
+def packet_out(port: int, frame: bytes) -> object:
+    out = [parser.OFPActionOutput(port)]
+    return parser.OFPPacketOut(DATAPATH, ofp.OFP_NO_BUFFER, ofp.OFPP_CONTROLLER, out, frame)
+
+
+def cut_off(operator: Operator, nanoseconds: int) -> object:
+    """Return the PORT_MOD of a memory; the framework takes data of properties by 32 bits."""
+    operator.send(parser.OFPPortDescStatsRequest(DATAPATH, 0, ofp.OFPP_ANY), 901)
+    (port,) = [each for each in operator.answer(901).body if each.port_no == MEMORY]
+    limit = parser.OFPPortModPropExperimenter(
+        type_=ofp.OFPPMPT_EXPERIMENTER,
+        experimenter=optical.EXPERIMENTER,
+        exp_type=2,
+        data=list(divmod(nanoseconds, 1 << 32)),
+    )
+    return parser.OFPPortMod(DATAPATH, MEMORY, port.hw_addr, 0, 0, [limit])
+
+
+def require_refusals(operator: Operator) -> None:
+    """Fail unless what inner ports cannot do is an error of OpenFlow's own."""
+    assert refused(operator, light(ALICE, SOURCE)) == OUT_PORT
+    assert refused(operator, flow_mod(1, outputs(MEMORY))) == OUT_PORT
+    assert refused(operator, packet_out(MEMORY, PING)) == OUT_PORT
+    assert refused(operator, packet_out(SOURCE, PING))[0] == ofp.OFPET_BAD_REQUEST
+    headers = flow_mod(MEMORY, outputs(ANALYSER), fields={"eth_type": 0x0800})
+    assert refused(operator, headers) == (ofp.OFPET_BAD_MATCH, ofp.OFPBMC_BAD_FIELD)
+
+
+def test_who_lacks_an_analyser_is_refused_and_who_has_it_goes_on(tmp_path: Path) -> None:
+    with nothing_left(), running(Crossing, tmp_path) as network:
+        with ThreadPoolExecutor(1) as threads:
+            asked = {"count": 60_000, "block_pairs": 1000, "sample": 0.1, "swaps": 2}
+            first = threads.submit(session, network, ("alice", "bob"), 9, **asked)
+            wait_until(lambda: status(network).pairs_created > 5000, "it goes on", 20)
+            with pytest.raises(QuantumSocketError, match="another session uses"):
+                session(network, ("charlie", "dave"), 10, count=PAIRS, swaps=1)
+            assert not first.done()
+            figures = first.result(60)
+        assert (figures["pairs"], figures["fidelity"]) == (60_000, 1)
+        require_nothing_left(network)
+        assert session(network, ("charlie", "dave"), 10, count=PAIRS, swaps=1)["pairs"] == PAIRS
+        require_nothing_left(network)
+
+
+def test_two_sessions_that_entries_lead_to_one_analyser_are_told_apart(tmp_path: Path) -> None:
+    """By entries of nobody's session; which of the two ends is by chance."""
+    with swapping(tmp_path) as (network, curl):
+        with ThreadPoolExecutor(2) as threads:
+            asked = {"block_pairs": 1000, "sample": 0.1}
+            ends, shorter = ("alice", "bob"), {"count": 60_000, **asked}
+            long = threads.submit(session, network, ends, 9, count=1_000_000, **asked)
+            wait_until(lambda: status(network).pairs_created > 4000, "it goes on", 20)
+            errors = [threads.submit(session, network, ends, 10, **shorter).exception(60)]
+            curl("flowentry/delete", {"match": {"in_port": BOB}})
+            errors.append(long.exception(60))
+        assert any("heard of other blocks at analysers" in str(error) for error in errors), errors
+        require_nothing_left(network)
