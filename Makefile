@@ -5,7 +5,7 @@ SHELL := /bin/bash
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
 .PHONY: help setup installed packages strongswan notebooks install uninstall run-sdc test test-docker lint types unit \
-    emulation test-swarm commands nightly mutants chaos fuzz bench live-speed curves labs picture lab-pictures site image clean \
+    emulation test-swarm commands nightly mutants chaos fuzz bench live-speed curves labs picture lab-pictures site release image clean \
     lock browser q0-programs house
 
 PYTHON := .venv/bin/python
@@ -160,6 +160,9 @@ lab-pictures: setup ## Rebuild the figures on the labs' pages
 site: .venv/site ## Build the documentation as web pages (site/index.html)
 	@NO_MKDOCS_2_WARNING=1 $(PYTHON) -m mkdocs build --strict --quiet
 	@echo 'site: site/index.html'
+
+release: setup ## Build wheel, sdist and Debian package into dist/
+	@setup/release/build
 
 image: ## Build the Docker image
 	@docker/build

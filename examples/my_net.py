@@ -9,8 +9,7 @@ qmn run teleport --topology examples/my_net.py:MyNet --from h1 --to h2
 qmn cli examples/my_net.py:MyNet
 """
 
-from topologies.nodes import OpticalSwitch, QuantumHost
-from topologies.quantum_topo import QuantumTopo
+from qmn.topology import OpticalSwitch, QuantumHost, QuantumTopo
 
 
 class MyNet(QuantumTopo):

@@ -16,6 +16,7 @@ from types import MappingProxyType
 from typing import Any
 
 from qmn.as_root import NoRoot
+from qmn.extras import remedy
 from qmn.machine_limits import limit_met
 from qmn.needs import provide
 from qmn.old_words import translated
@@ -136,6 +137,11 @@ def run_verb() -> int:
         return entered
     try:
         status: int = arguments.call(arguments)
+    except ModuleNotFoundError as error:
+        if not (missing := remedy(error)):
+            raise
+        print(f"qmn: {missing}", file=sys.stderr)
+        return 1
     except OSError as error:
         if not (limit := limit_met(error)):
             raise

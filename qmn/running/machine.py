@@ -21,7 +21,8 @@ from topologies.system.open_vswitch import openvswitch
 from topologies.system.processes.programs import ROOT, NetworkError
 
 WORKS, LIMITED, FAILS, UNCHECKED = "works", "limited", "fails", "unchecked"
-SETUP = "run `make setup`"
+CHECKOUT = (ROOT / "Makefile").exists()
+SETUP = "run `make setup`" if CHECKOUT else "run `qmn doctor --install`"
 SUDO = "run it with sudo"
 
 
@@ -126,7 +127,8 @@ def packages() -> Finding:
 def python_packages() -> Finding:
     """Packages of the programs: Mininet, of Debian, and what pyproject.toml lists."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    wanted = [re.split(r"[^\w.-]", each)[0] for each in project["dependencies"]]
+    needed = [each for each in project["dependencies"] if ";" not in each]
+    wanted = [re.split(r"[^\w.-]", each)[0] for each in needed]
     missing = [] if find_spec("mininet") else ["mininet"]
     missing += [name for name in wanted if not _installed(name)]
     if missing:

@@ -66,6 +66,9 @@ NOT_HERE = {
     rf"{re.escape(MININET)}.*light=standing": "tests/emulation/test_own_controller.py",
     r"cat > bell\.qasm|qmn .*bell\.qasm": "tests/unit/qmn/test_pages.py, with that file",
     r"sudo service openvswitch-switch start": "set-up: `qmn` itself looks for Open vSwitch",
+    r"apt install \./qmn_|python3 -m venv ~/qmn|(sudo )?~/qmn/bin/": (
+        "needs a machine without a checkout: tests/emulation/test_installed_wheel.py"
+    ),
     r"sudo env .*jupyter lab ": "tests/emulation/test_notebooks.py",
     r"xdg-open ": "needs a display: tests/unit/views/test_report_in_browser.py",
     r"python3 -m venv /tmp/sequence|/tmp/sequence/bin/": "needs SeQUeNCe, which is not ours",

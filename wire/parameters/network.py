@@ -5,6 +5,7 @@ of them as options, with these words, kinds, defaults and ranges.
 """
 
 from dataclasses import dataclass, fields
+from importlib.util import find_spec
 from math import inf
 from typing import Any, ClassVar
 
@@ -12,6 +13,8 @@ from wire.parameters.delays import delay
 from wire.parameters.option import CONTROL, SIMULATION, WRITTEN, option
 
 BACKENDS = ("chp", "stim", "dense")
+FRAMEWORKS = ("ryu", "os-ken")
+FRAMEWORK = FRAMEWORKS[find_spec("ryu") is None]  # an installed package can be without Ryu
 OPENFLOW_PORT = 6653
 MOST_KM = 100_000.0  # of copper
 LEAST_MBPS, MOST_MBPS = 0.001, 10_000.0
@@ -99,7 +102,7 @@ class CopperSettings:
 
     GROUP: ClassVar[str] = CONTROL
     controller: str = option(
-        "ryu", "what c0 runs on (ryu)", choices=("ryu", "os-ken"), recorded=False
+        FRAMEWORK, f"what c0 runs on ({FRAMEWORK})", choices=FRAMEWORKS, recorded=False
     )
     openflow_port: int = option(OPENFLOW_PORT, "of c0 (6653)", metavar="PORT", range=(1, 65_535))
     copper_km: float | None = option(

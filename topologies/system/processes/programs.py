@@ -105,8 +105,9 @@ class Elsewhere(Protocol):
 
 def python() -> str:
     """Return the interpreter that has our packages; Mininet's own `mn` runs on another."""
+    own = ROOT / ".venv" / "bin" / "python"  # not there in an installed package
     inside = sys.prefix != sys.base_prefix
-    return sys.executable if inside else str(ROOT / ".venv" / "bin" / "python")
+    return sys.executable if inside or not own.exists() else str(own)
 
 
 class Program:
