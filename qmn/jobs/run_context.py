@@ -153,7 +153,7 @@ def _running(
         facts.backend = status(network).backend
         if run.classical_mbps is not None:
             for host in description.hosts:
-                slow_metadata(network.host(host), run.classical_mbps / pace.scale)
+                slow_metadata(network.host(host), run.classical_mbps, pace.scale)
         if options.metrics:
             facts.metrics = urls = announce(runtime.metrics_addresses, context.folder)
             for program, url in urls.items():

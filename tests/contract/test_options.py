@@ -229,6 +229,17 @@ def test_an_option_does_in_configurations_what_it_is_for(name: str) -> None:
     assert name == "map" or not holds(flat(configurations(*without)))
 
 
+@pytest.mark.parametrize(("fibers", "period_s"), [(2, 5.0), (85, 7.0)])
+def test_fibres_are_announced_the_more_rarely_the_more_there_are(
+    fibers: int, period_s: float
+) -> None:
+    """25 a second of 2 x 85 between switches and 5 to hosts; each every 5 s if there are few."""
+    found = flat(configurations("--topology", f"chain,fibers={fibers}"))
+    periods = {path.partition(".")[0] for path in found if path.endswith(".announcement_period_s")}
+    assert periods == {*HOSTS, "controller"}
+    assert {found[f"{name}.announcement_period_s"] for name in periods} == {period_s}
+
+
 def test_every_option_is_tried() -> None:
     tried = CASES.keys() | OF_FIBERS | {name for _program, name in OF_PROGRAMS}
     assert OPTIONS.keys() - tried == ELSEWHERE.keys()

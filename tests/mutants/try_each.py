@@ -24,6 +24,7 @@ HANGS = ["-o", "faulthandler_timeout=120", "-o", "faulthandler_exit_on_timeout=t
 FORMATS = "tests/unit/test_wire_formats.py"  # of every room
 FAILED = re.compile(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", re.M)
 HANGING = re.compile(r'File ".*/(tests/[\w/]+\.py)", line \d+ in (test_\w+)')
+DESCRIBED = ("qmn", "topologies", "wire")  # rooms of what the contract walks
 NEAREST = 3  # files of tests
 UNNAMED = "pytest itself"
 NONE_COLLECTED = 5  # a status of pytest
@@ -72,10 +73,11 @@ def stages(tree: Path, bug: Bug, near: bool) -> Iterator[list[str]]:
     yield of_file[:NEAREST]  # most bugs go no further
     yield of_file[NEAREST:]
     yield [bug.network] if bug.network else []
+    yield ["tests/contract"] if bug.room in DESCRIBED else []
     if not near:
         room = f"tests/unit/{bug.room}"
         yield [test for test in of_folder if test.startswith(room)]
-        yield [each for each in (room, "tests/contract", FORMATS) if (tree / each).exists()]
+        yield [each for each in (room, FORMATS) if (tree / each).exists()]
         yield [test for test in of_folder if not test.startswith(room)]
 
 

@@ -23,8 +23,8 @@ LIMIT_BYTES = 16 << 20  # that may wait
 ALL_ELSE, METADATA = "1:1", "1:2"
 
 
-def slow_metadata(host: Host, rate_mbps: float) -> None:
-    """Let a host send quantum metadata at this rate (Mbit/s), for good; once for a host.
+def slow_metadata(host: Host, rate_mbps: float, time_scale: float) -> None:
+    """Let a host send quantum metadata at this rate (Mbit/s of the network), for good; once.
 
     Raise NetworkError if the kernel cannot do it.
     """
@@ -37,7 +37,7 @@ def slow_metadata(host: Host, rate_mbps: float) -> None:
     for flow in (ALL_ELSE, METADATA):
         words = ("rate", f"{MOST_MBPS:g}mbit", "quantum", str(BURST_BYTES))
         add("class", "parent", "1:", "classid", flow, "htb", *words)
-    rate = ("rate", f"{round(rate_mbps * 1e6)}bit")
+    rate = ("rate", f"{round(rate_mbps * 1e6 / time_scale)}bit")
     bounds = ("burst", str(BURST_BYTES), "limit", str(LIMIT_BYTES))
     add("qdisc", "parent", METADATA, "handle", "2:", "tbf", *rate, *bounds)
     tcp = ("match", "ip", "protocol", "6", "0xff")

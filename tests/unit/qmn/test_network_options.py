@@ -2,13 +2,15 @@
 
 import argparse
 import re
+from typing import Any
 
 import pytest
 
 from hosts.middleware.session.errors import REMEDIES
 from qmn.network.checks import check_address, check_module, check_network
 from qmn.network.custom_topology import BadTopology
-from qmn.network.options import NetworkOptions
+from qmn.network.options import NetworkOptions, settings
+from qmn.network.time_scale import Pace
 from qmn.options import BadInput, add_options, from_keywords, read
 from qmn.scripting import start
 from topologies.sdc import SdcTopo
@@ -24,6 +26,16 @@ def parse(*words: str) -> NetworkOptions:
 
 def test_what_is_not_said_is_the_same_on_the_command_line_and_in_scripts() -> None:
     assert parse() == from_keywords(NetworkOptions, {}) == NetworkOptions()
+
+
+@pytest.mark.parametrize(
+    ("words", "tls"), [({}, False), ({"tls": True}, True), ({"tls_from": "made"}, True)]
+)
+def test_certificates_of_ones_own_are_for_tls(words: dict[str, Any], tls: bool) -> None:
+    options = from_keywords(NetworkOptions, words)
+    network = settings(options, None, Pace())
+    network.remove()
+    assert network.settings.tls is tls
 
 
 def test_a_keyword_means_the_same_as_its_option() -> None:
