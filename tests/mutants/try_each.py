@@ -20,10 +20,9 @@ from bugs import ROOT, Bug, bugs, nearest_tests
 
 PYTEST = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-p", "garbage"]
 DAY = ["-p", "nightly", "-m", "not nightly", "--tb=no", "-rfE"]
-HANGS = ["-o", "faulthandler_timeout=120", "-o", "faulthandler_exit_on_timeout=true"]
+LONGEST = "--timeout=120"  # seconds of a test: what hangs is noticed
 FORMATS = "tests/unit/test_wire_formats.py"  # of every room
-FAILED = re.compile(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", re.M)
-HANGING = re.compile(r'File ".*/(tests/[\w/]+\.py)", line \d+ in (test_\w+)')
+FAILED = re.compile(r"^(?:FAILED|ERROR) ([^\s\[]+)", re.M)  # without parameters
 DESCRIBED = ("qmn", "topologies", "wire")  # rooms of what the contract walks
 NEAREST = 3  # files of tests
 UNNAMED = "pytest itself"
@@ -50,7 +49,7 @@ def failure(tree: Path, tests: Sequence[str], excluded: Sequence[str] = ()) -> s
     environment["PYTHONDONTWRITEBYTECODE"] = "1"  # what was right a second ago must not be run
     namespaces = ["topologies/own_namespaces"] if tests[0].startswith("tests/emulation") else []
     done = subprocess.run(
-        [*namespaces, *PYTEST, *DAY, *HANGS, *(f"--deselect={each}" for each in excluded), *tests],
+        [*namespaces, *PYTEST, *DAY, LONGEST, *(f"--deselect={each}" for each in excluded), *tests],
         cwd=tree,
         env=environment,
         stdin=subprocess.DEVNULL,
@@ -61,10 +60,8 @@ def failure(tree: Path, tests: Sequence[str], excluded: Sequence[str] = ()) -> s
     )
     if done.returncode in (0, NONE_COLLECTED):
         return ""
-    if failed := FAILED.search(done.stdout):
-        return failed[1]
-    hanging = HANGING.search(done.stdout)
-    return "::".join(hanging.groups()) if hanging else UNNAMED
+    failed = FAILED.search(done.stdout)
+    return failed[1] if failed else UNNAMED
 
 
 def stages(tree: Path, bug: Bug, near: bool) -> Iterator[list[str]]:
