@@ -101,6 +101,7 @@ def main() -> int:
     """Try all bugs, or some; say which are not noticed."""
     parser = argparse.ArgumentParser(prog="make mutants", description=__doc__)
     parser.add_argument("--room", help="of this folder alone")
+    parser.add_argument("--file", nargs="*", help="of these files alone")
     parser.add_argument("--kind", help="of this kind alone")
     parser.add_argument("--part", default="1/1", metavar="I/N", help="the Ith of N parts of them")
     parser.add_argument(
@@ -113,7 +114,9 @@ def main() -> int:
     chosen = [
         bug
         for bug in bugs()
-        if arguments.room in (None, bug.room) and arguments.kind in (None, bug.kind)
+        if arguments.room in (None, bug.room)
+        and arguments.kind in (None, bug.kind)
+        and (arguments.file is None or bug.file in arguments.file)
     ][part - 1 :: parts]
     missed = []
     broken: list[str] = []

@@ -1,0 +1,77 @@
+"""What a network notices of its programs, and the order in which it ends them."""
+
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from topologies.networks.network import Network, Signals
+from topologies.sdc import SdcTopo
+from topologies.system.processes.programs import NetworkError, Program
+from topologies.system.runs import runtime
+from topologies.system.runs.runtime import Runtime
+
+
+@pytest.fixture
+def network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """Return a network that has nodes of no kind: others need root."""
+    monkeypatch.setattr(runtime, "RUNTIME_ROOT", tmp_path / "qmn")
+    monkeypatch.setattr("topologies.networks.network.DAEMON_END_TIMEOUT_S", 0.0)
+    with Signals() as signals:
+        made: Any = Network(SdcTopo, Runtime(), signals)
+        made.net = SimpleNamespace(hosts=[], switches=[], controllers=[])
+        made._disk = SimpleNamespace(check=lambda: None, look_at_disks=lambda: None)
+        yield made
+        made.runtime.remove()
+
+
+def started(folder: Path, name: str) -> Program:
+    program = Program(name, folder / f"{name}.log")
+    program.start(["sleep", "60"])
+    return program
+
+
+@pytest.mark.parametrize("ended_by", ["a stranger", "its runner"])
+def test_an_application_that_was_struck_is_named_when_it_is_seen_again(
+    network: Any, tmp_path: Path, ended_by: str
+) -> None:
+    """What ends because its host's shell does may be seen before that."""
+    program = started(tmp_path, "asking")
+    network._applications.append(program)
+    network.check()
+    if ended_by == "its runner":
+        program.stop()
+    else:
+        assert program._process is not None
+        program._process.send_signal(signal.SIGKILL)
+        program._process.wait(10)
+    network.check()
+    if ended_by == "its runner":
+        network.check()
+    else:
+        with pytest.raises(NetworkError, match="asking died in mid-run: killed by SIGKILL"):
+            network.check()
+
+
+def test_a_program_that_ends_is_named_at_once(network: Any, tmp_path: Path) -> None:
+    program = started(tmp_path, "alice")
+    network.runtime.programs.append(program)
+    network.check()
+    program.kill()
+    with pytest.raises(NetworkError, match="alice died in mid-run: killed by SIGKILL"):
+        network.check()
+
+
+def test_what_others_need_ends_behind_them(network: Any) -> None:
+    """The dispatcher and the copper to it, and then the gate."""
+    asked: list[str] = []
+
+    def program(name: str) -> Any:
+        return SimpleNamespace(name=name, ask_to_stop=lambda: asked.append(name), stop=lambda: None)
+
+    network.runtime.programs += map(program, ("gate", "dispatcher", "copper", "alice", "c0"))
+    network._stop_programs()
+    assert [*dict.fromkeys(asked)] == ["alice", "c0", "dispatcher", "copper", "gate"]
