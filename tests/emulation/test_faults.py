@@ -118,7 +118,7 @@ def child(process: Running, module: str) -> int:
 
 
 @pytest.mark.image
-@pytest.mark.by_day(every=3)
+@pytest.mark.nightly  # by day: tests/unit/topologies/test_network_watch.py
 @pytest.mark.parametrize(
     ("module", "name"),
     [("controller_apps", "c0"), ("qswitch_agent", "q1-agent"), ("dispatcher", "dispatcher")],

@@ -158,6 +158,7 @@ def log_of(runs: Path) -> list[str]:
     return (runs / "latest" / "quantum.log").read_text().splitlines()
 
 
+@pytest.mark.nightly  # by day: tests/unit/controller_apps/test_node_features.py
 def test_a_repeater_without_a_memory_is_refused_to_who_asks_by_name_and_remedy(
     tmp_path: Path,
 ) -> None:

@@ -420,6 +420,7 @@ def test_strongswan_uses_the_key_before_no_longer_than_its_lifetime(tmp_path: Pa
     assert max(answered) < ended + SLACK_S
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("struck", ["download-alice", "wireguard-bob"])
 def test_a_program_of_the_tunnel_that_is_killed_is_named(tmp_path: Path, struck: str) -> None:
     words = ["run", "vpn", "--mbit-s", "0.5", "--without", "report", "--runs", str(tmp_path)]

@@ -305,6 +305,17 @@ def test_forged_repeated_and_strange_datagrams_change_nothing(scene: Scene) -> N
     assert scene.devices() == before
 
 
+def test_of_a_flood_of_rubbish_five_lines_are_logged_and_then_how_many_more(
+    scene: Scene, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO", scene.monitor.logger.name)
+    for _ in range(20):
+        scene.hears(b"rubbish")
+    assert len(caplog.messages) == 5
+    scene.tick(1.1)
+    assert caplog.messages[5:] == ["switch 0x1 port 3: 15 more lines, which are left out"]
+
+
 def test_an_override_is_sent_until_it_is_in_force(scene: Scene) -> None:
     scene.says(SET)
     question = scene.ask("set", device="alice", settings={"rate_hz": 1000})

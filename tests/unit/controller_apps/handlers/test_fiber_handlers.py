@@ -87,6 +87,21 @@ def test_nobody_announces_the_fibre_of_another(
     assert SwitchPort(Q1, 4) in scene.quantum.network.hosts
 
 
+def test_a_policy_that_is_read_again_closes_fibres_and_believes_who_has_no_seal(
+    tmp_path: Path,
+) -> None:
+    scene = Scene(tmp_path)
+    quantum = scene.quantum
+    quantum.network.names[Q1 + 1] = "q2"
+    text = '[[closed]]\nbetween = ["q1", "q2"]\n[filter]\nannouncements = false\n'
+    for policy, closed, sealed in ((text, {frozenset({"q1", "q2"})}, False), ("", set(), True)):
+        scene.policy_path.write_text(policy)
+        question = EventQuestion("reload", {})
+        quantum.asked(question)
+        assert question.wait() == str(scene.policy_path)
+        assert (quantum.network.closed, quantum.fibers.needs_seal) == (closed, sealed)
+
+
 def test_fibres_of_a_quantum_switch_are_dark_but_for_lldp(scene: Scene) -> None:
     wiped, miss, entry, *questions = scene.q1.take()
     assert (wiped.table_id, miss.table_id) == (2, 2)
