@@ -78,12 +78,12 @@ def folder() -> Path:
 
 
 @cache
-def configurations(*words: str) -> Configurations:
-    """Return what each program reads when it starts; nobody changes it."""
+def configurations(*words: str, **of_run: bool) -> Configurations:
+    """Return what each program reads when it starts, in a run; nobody changes it."""
     with without_machine(folder()):
         described = describe_network(options(*words))
         paced = replace(described.pace, stepped=False)  # there is no gate
-        network = settings(described.options, folder() / "logs", paced)
+        network = settings(described.options, folder() / "logs", paced, **of_run)
         try:
             runtime.begin(network)
             return dict(_configurations(network, described.build()))

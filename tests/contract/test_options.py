@@ -229,6 +229,14 @@ def test_an_option_does_in_configurations_what_it_is_for(name: str) -> None:
     assert name == "map" or not holds(flat(configurations(*without)))
 
 
+@pytest.mark.parametrize("kept", [(True, False, False), (False, True, False), (False, False, True)])
+def test_a_run_keeps_of_its_light_what_is_asked_for(kept: tuple[bool, bool, bool]) -> None:
+    record, qasm, events = kept
+    found = configurations(record=record, qasm=qasm, events=events)["dispatcher"]
+    files = [found[name] != "" for name in ("record", "qasm", "event_log", "event_capture")]
+    assert files == [record, qasm, events, events]
+
+
 @pytest.mark.parametrize(("fibers", "period_s"), [(2, 5.0), (85, 7.0)])
 def test_fibres_are_announced_the_more_rarely_the_more_there_are(
     fibers: int, period_s: float

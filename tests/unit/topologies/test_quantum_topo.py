@@ -1,5 +1,6 @@
 """The classical network that a topology does not spell out, and has all the same."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -232,6 +233,16 @@ def test_a_name_that_files_or_interfaces_need_is_refused_wherever_it_is_from(nam
     topo.addHost(name, cls=Host)
     with pytest.raises(BadParameter, match="cannot be a node's name"):
         check_clashes(content_of(topo))
+
+
+def test_an_interface_has_the_15_letters_that_linux_takes_and_no_more() -> None:
+    """IFNAMSIZ of netdevice(7) is 16, with the end: -eth0 leaves 10 for the node."""
+    for letters, fits in ((10, True), (11, False)):
+        topo = Topo()
+        topo.addSwitch("s1", cls=ClassicalSwitch)
+        topo.addLink(topo.addHost("a" * letters, cls=Host), "s1")
+        with nullcontext() if fits else pytest.raises(BadParameter, match="have 16 letters"):
+            check_clashes(content_of(topo))
 
 
 def test_the_names_that_programs_have_are_no_nodes() -> None:
