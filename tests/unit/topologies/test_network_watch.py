@@ -1,4 +1,4 @@
-"""What a network notices of its programs, and the order in which it ends them."""
+"""A network watches its programs, and ends them in an order."""
 
 import signal
 from collections.abc import Iterator
@@ -9,10 +9,13 @@ from typing import Any
 import pytest
 
 from topologies.networks.network import Network, Signals
+from topologies.nodes import gate
 from topologies.sdc import SdcTopo
 from topologies.system.processes.programs import NetworkError, Program
 from topologies.system.runs import runtime
 from topologies.system.runs.runtime import Runtime
+from wire.config import GateConfig
+from wire.leaps import LEAPS
 
 
 @pytest.fixture
@@ -75,3 +78,24 @@ def test_what_others_need_ends_behind_them(network: Any) -> None:
     network.runtime.programs += map(program, ("gate", "dispatcher", "copper", "alice", "c0"))
     network._stop_programs()
     assert [*dict.fromkeys(asked)] == ["alice", "c0", "dispatcher", "copper", "gate"]
+
+
+@pytest.mark.parametrize("watched", [True, False])
+def test_the_gate_knows_whether_somebody_watches(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, watched: bool
+) -> None:
+    """Then stepped time never leads the wall."""
+    monkeypatch.setattr(runtime, "RUNTIME_ROOT", tmp_path / "qmn")
+    configurations = []
+
+    def launch(_network: Runtime, _name: str, _module: str, config: GateConfig) -> Program:
+        configurations.append(config)
+        return Program("gate", tmp_path / "gate.log")
+
+    monkeypatch.setattr(gate, "launch", launch)
+    (tmp_path / "gate.log").touch()
+    made = Runtime(stepped=True, watched=watched, log_folder=tmp_path)
+    with pytest.raises(NetworkError, match="gate ended at its start"):
+        gate.Start(made)
+    made.remove()
+    assert configurations == [GateConfig(str(tmp_path / LEAPS), watched)]
