@@ -1,8 +1,10 @@
 """The placing of hosts on machines."""
 
+from functools import partial
+
 import pytest
 
-from qmn.machines.workers import places
+from qmn.machines.workers import on_machines, places
 from qmn.options import BadInput
 
 HOSTS, WORKERS = ("alice", "bob", "charlie", "dave"), ("m2", "m3")
@@ -33,3 +35,9 @@ def test_places_that_there_are_not_are_refused(text: str, said: str) -> None:
 def test_a_host_is_placed_once() -> None:
     with pytest.raises(BadInput, match="once a host"):
         places(("bob=m2", "bob=m3"), HOSTS, WORKERS)
+
+
+def test_one_machine_needs_no_other() -> None:
+    nobody = partial(pytest.fail, "there is no scheduler to look for")
+    with on_machines(1, (), "tcp://127.0.0.1:1", HOSTS, None, nobody) as machines:
+        assert machines == {}
