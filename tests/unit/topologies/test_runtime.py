@@ -94,13 +94,16 @@ def test_a_network_that_does_not_start_leaves_no_folder(
     assert not made.folder.exists()
 
 
-def test_folders_of_runs_are_told_apart_by_their_owners(tmp_path: Path) -> None:
+def test_folders_of_runs_are_told_apart_by_their_owners(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runtime, "are_own", lambda: False)
     ended = this_process()._replace(start=1)
     for name in (str(this_process()), str(ended), "of-others"):
         (tmp_path / name).mkdir()
     (tmp_path / str(ended._replace(start=2))).touch()  # no folder
     assert runtime.folders_of_gone(tmp_path) == [tmp_path / str(ended)]
-    assert tmp_path / str(this_process()) in runtime.folders_of_running(tmp_path)
+    assert runtime.folders_of_running(tmp_path) == [tmp_path / str(this_process())]
 
 
 def test_interfaces_of_a_switch_are_those_that_begin_with_its_name(
