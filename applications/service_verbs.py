@@ -2,6 +2,21 @@
 
 from qmn.requests.service_verbs import Verb
 
+CONFERENCE = Verb(
+    "agree on one secret key of several hosts, by GHZ states",
+    "states",
+    eavesdropper=True,
+    keys=True,
+    line=True,
+)
+QKD = Verb(
+    "distribute secret keys",
+    "sifted_bits",
+    ("bb84", "bbm92", "e91", "mdi"),
+    eavesdropper=True,
+    keys=True,
+    hand_out="applications.key_distribution.key_handout:key_handout",
+)
 SENSE = Verb(
     "estimate the sum of phases at several hosts, by GHZ states or by separate probes",
     "states",

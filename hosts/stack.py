@@ -16,7 +16,6 @@ from hosts.hardware.ports import read_ports
 from hosts.hardware.qnic import Qnic, release
 from hosts.hardware.replies import HardwareError
 from hosts.middleware.device import Device
-from hosts.middleware.qkd.keyring import Keyring, PairSecrets
 from hosts.middleware.services import KINDS, NAMES
 from hosts.middleware.services.interception.interception import Interception
 from hosts.middleware.services.interception.passing import InterceptionOptions
@@ -64,13 +63,13 @@ class Stack:
         self._verdicts = Verdicts(config.device_key, config.light == STANDING)
         self._light = Light()
         self.swaps = Swaps(config.address)
-        shared = PairSecrets(config.name, config.pair_secrets, lambda: config.hosts)
         self._resources = HostResources(
             config.name,
             config.seed,
             qnic,
             config.analyser,
-            Keyring(config.name, shared, config.keys),
+            config.pair_secrets,
+            config.keys,
             self.swaps,
             config.node_features,
             config.multi_photon,

@@ -63,6 +63,8 @@ class RegisteredService:
     ends: str  # MODULE:NAME of a hosts.middleware.session.ends.ServiceKind, which hosts load
     own_light: tuple[Beam, ...] = ()  # if the opener may make the pairs, and keep half of each
     figures: tuple[type[Any], ...] = ()  # subclasses of Figures: what its ends report
+    prepares_states: bool = False  # photons that its ends prepare, in place of pairs
+    third: str = "a third host that makes pairs"  # what its source is, if it needs one
     line: bool = False  # each of several hosts opens a session with the next
     # Parts of devices that a role uses, beside those that its needs name (wire.parameters.physics).
     uses: Mapping[Role, tuple[str, ...]] = field(default_factory=dict)

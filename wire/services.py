@@ -46,20 +46,12 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
         ),
         Service.DISTRIBUTE: PAIRS,
         Service.TELEPORT: PAIRS,
-        Service.BBM92: PAIRS,
         Service.SEAL: PAIRS,
-        Service.E91: PAIRS,
-        Service.BB84: (Beam(FiberOf(OPENER, 0), FiberOf(ACCEPTOR, 0)),),
-        Service.MDI: (
-            Beam(FiberOf(OPENER, 0), FiberOf(SOURCE, 0)),
-            Beam(FiberOf(ACCEPTOR, 0), FiberOf(SOURCE, 1)),
-        ),
         Service.SWAP: (),  # its links have it
         Service.SWITCH_SWAP: (),  # who programs the switch, opens it
         Service.LINK: TO_NEXT,
         Service.GHZ: TO_NEXT,
         Service.GRAPH: TO_NEXT,
-        Service.CONFERENCE: TO_NEXT,
         # Its pairs come by the light of the session that it goes back on: either half of them
         # is at hand at either host, and who sends passes its own on.
         Service.SDC_RETURN: (Beam(FiberOf(OPENER, 0), FiberOf(ACCEPTOR, 1)),),
@@ -69,11 +61,12 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
 # Services whose pairs come by light of a session that stands between the same hosts, and was
 # opened by the other one: of this service, with the same source and the same wavelength.
 RETURNS: Mapping[Service, Service] = MappingProxyType({Service.SDC_RETURN: Service.SDC})
+# Services of photons that their ends prepare, without pairs.
+PREPARED = frozenset(service for service, each in REGISTERED.items() if each.prepares_states)
 # Services of lines of hosts, each of which opens a session with the next: they count on from the
 # number of the first.
 LINES = frozenset(
-    {Service.GHZ, Service.CONFERENCE, Service.GRAPH}
-    | {service for service, each in REGISTERED.items() if each.line}
+    {Service.GHZ, Service.GRAPH} | {service for service, each in REGISTERED.items() if each.line}
 )
 
 
@@ -107,14 +100,9 @@ NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
             OPENER: ABSORB | STORE | MEASURE,
             ACCEPTOR: ABSORB | STORE | MEASURE,
         },
-        Service.BBM92: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
         Service.SEAL: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
-        Service.E91: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
-        Service.BB84: {OPENER: EMIT, ACCEPTOR: MEASURE},
-        Service.MDI: {SOURCE: INTERFERE, OPENER: EMIT, ACCEPTOR: EMIT},
         Service.GHZ: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: ABSORB | STORE | MEASURE},
         Service.GRAPH: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: ABSORB | STORE | MEASURE},
-        Service.CONFERENCE: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: ABSORB | STORE | MEASURE},
         Service.SWAP: {
             OPENER: EMIT | STORE,
             ACCEPTOR: ABSORB | STORE,
@@ -176,6 +164,11 @@ def beams(service: Service, by: Making = Making.SOURCE) -> tuple[Beam, ...]:
     if by == Making.STATION:
         return HERALDED_LIGHT[service]
     return OWN_LIGHT.get(service, LIGHT[service]) if by == Making.OPENER else LIGHT[service]
+
+
+def is_relayed(service: Service) -> bool:
+    """Return whether the light of both ends goes to the source, which lets it interfere."""
+    return INTERFERE in NEEDS.get(service, {}).get(SOURCE, NOTHING)
 
 
 def uses_source(service: Service, by: Making = Making.SOURCE) -> bool:

@@ -13,8 +13,8 @@ from applications.keys.other_managers import OtherManagers
 from applications.keys.routes import open_routes
 from applications.keys.sessions import StackGone
 from applications.keys.web import serve
+from applications.qkd.key_files import KeyStoreError
 from hosts import network_loop
-from hosts.middleware.qkd.key_files import KeyStoreError
 from programs.config_argument import config_path
 from programs.faults import report_fault
 from wire.config import BadConfig

@@ -31,8 +31,8 @@ from applications.keys.refusals import (
 from applications.keys.relaying import Relaying, Send, stored_for
 from applications.keys.stored_keys import StoredKeys
 from applications.keys.waiting import WaitingKeys
-from hosts.middleware.qkd.key_store import KEY_BITS, StoredKey
-from hosts.middleware.qkd.keyring import CAPACITY
+from applications.qkd.key_store import KEY_BITS, StoredKey
+from applications.qkd.keyring import CAPACITY
 from hosts.network_loop import now_s
 from wire.key_manager import KeyManagerConfig, manager_name
 from wire.key_routes import KeyRoute

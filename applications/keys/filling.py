@@ -17,10 +17,10 @@ from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 
+from applications.key_distribution.options import KeyOptions
 from applications.keys.delivery import KeyDelivery
 from applications.keys.link_states import KeyLinkStates
 from applications.keys.sessions import Outcome, StackGone, hold, listening, offered
-from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.network_loop import wall_sleep
 from hosts.timeouts import CHECK_PERIOD_S, FILLING_PAUSE_S
 from wire.key_manager import KEY_LINK_PORTS, KeyLink, KeyManagerConfig

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from applications.keys.delivery import KeyDelivery
 from applications.keys.sessions import Outcome
-from hosts.middleware.qkd.key_store import KEY_BITS
+from applications.qkd.key_store import KEY_BITS
 from wire.key_manager import KeyManagerConfig
 from wire.key_routes import UNKNOWN, LinkState
 

@@ -6,9 +6,9 @@ from pathlib import Path
 from uuid import UUID
 
 from applications.keys.refusals import unavailable
-from hosts.middleware.qkd.key_files import MissingKey
-from hosts.middleware.qkd.key_store import KeyStore, StoredKey
-from hosts.middleware.qkd.keyring import store_in
+from applications.qkd.key_files import MissingKey
+from applications.qkd.key_store import KeyStore, StoredKey
+from applications.qkd.keyring import store_in
 from hosts.network_loop import now_s
 from hosts.timeouts import STORING_LOOK_S, STORING_TIMEOUT_S
 from wire.key_manager import KeyManagerConfig, manager_name

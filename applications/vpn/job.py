@@ -130,8 +130,8 @@ def run(request: VpnRequest, signals: Signals, console: Console) -> int:
 def passing_eve(
     request: VpnRequest, network: NetworkDescription, folder: Path
 ) -> PassingEavesdropper:
-    begin = eavesdropping.sender_of_light(PROTOCOL, request.sender, network)
-    return PassingEavesdropper(request.eve, begin, request.receiver, folder)
+    way = eavesdropping.tapped_way(PROTOCOL, (request.sender, request.receiver), "", network)
+    return PassingEavesdropper(request.eve, *way, folder)
 
 
 def use_network(

@@ -160,7 +160,7 @@ class Asking:
     def asked(self) -> tuple[bytes, bytes]:
         opener, acceptor = self.opener, self.acceptor
         setup = Setup(
-            self.session, Service.BB84, Handshake.FRAMED, opener.address, 1000, 100, 1_000_000
+            self.session, Service["BB84"], Handshake.FRAMED, opener.address, 1000, 100, 1_000_000
         )
         theirs, ours = BEGINNINGS[1] + 1, BEGINNINGS[0] + 1
         to_port = self.source_port, METADATA_PORT

@@ -90,7 +90,7 @@ class Trunk:
             raise SweepError(f"over {PAIRS} sessions wait for light at a time: choose less load")
         pair = self.pairs[session] = self.idle.popleft()
         self.asked[session] = now
-        asked = session, Service.BB84, Handshake.FRAMED, address(0, pair), 1, 1, 1
+        asked = session, Service["BB84"], Handshake.FRAMED, address(0, pair), 1, 1, 1
         setup = Setup(*asked, wavelength_pm=ANY_WAVELENGTH)
         self._say(session, FIRST_SEQUENCE, PUSH, now, setup.encode())
 

@@ -12,7 +12,7 @@ from math import e, exp, log, log2, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.middleware.qkd.key_length import binary_entropy
+from applications.qkd.key_length import binary_entropy
 
 Floats = NDArray[np.float64]
 

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from applications.qkd.bell_test import LOCAL, Correlations
+from applications.qkd.key_length import asymptotic_fraction
 from dispatcher.laboratory import Laboratory
 from dispatcher.sabot.backend import Bytes
 from evidence.curves import theory
@@ -31,13 +33,7 @@ from evidence.curves.link import blocks, fiber, network, share
 from evidence.curves.parameters import Point
 from evidence.curves.wald import pairs_to_alarm
 from hosts.hardware.qnic import LEFT_ALONE
-from hosts.middleware.qkd.bell_test import LOCAL, Correlations
-from hosts.middleware.qkd.key_length import asymptotic_fraction
-from hosts.middleware.services.sealing.sequential_test import (
-    Question,
-    SequentialTest,
-    tapped_error,
-)
+from hosts.middleware.services.sealing.sequential_test import Question, SequentialTest, tapped_error
 from wire.outcomes import NO_CLICK, PAULI_BASES
 from wire.parameters.physics import Detectors, Device, PairSource
 

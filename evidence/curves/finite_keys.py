@@ -11,10 +11,10 @@ from math import log2
 import numpy as np
 from numpy.typing import NDArray
 
+from applications.qkd.decoy import TERMS, Decoys, Sifted, bounds
+from applications.qkd.key_length import binary_entropy
 from evidence.curves import theory
 from evidence.curves.bb84 import CORRECTION, DARK_COUNT, EFFICIENCY, ERROR, LOSS_DB_PER_KM
-from hosts.middleware.qkd.decoy import TERMS, Decoys, Sifted, bounds
-from hosts.middleware.qkd.key_length import binary_entropy
 
 Floats = NDArray[np.float64]
 

@@ -37,7 +37,7 @@ class Class:
     begin: int  # switches, counted from 1
     end: int
     load: float
-    service: Service = Service.BB84
+    service: Service = Service["BB84"]
 
 
 def chain(switches: int, channels: int) -> Network:

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from applications.qkd.conference import asymptotic_rate
 from applications.sensing.fringe import QUARTER, Fringe, in_rad, in_steps
 from dispatcher.laboratory import BlockKey, LaboratoryHost, block_id
 from dispatcher.operations.emission import STATES
@@ -25,7 +26,6 @@ from evidence.curves.experiment import Outcome
 from evidence.curves.link import blocks, fiber, network, share
 from evidence.curves.mdi import DARK_COUNT, DETECTORS, EFFICIENCY
 from evidence.curves.parameters import Point
-from hosts.middleware.qkd.conference import asymptotic_rate
 from hosts.middleware.services.ghz.witness import Tally, chosen_bases
 from hosts.middleware.services.graph_states.graph import NAMED, Graph
 from hosts.middleware.services.graph_states.witness import Stabilisers

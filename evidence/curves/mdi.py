@@ -16,6 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from applications.key_distribution.relayed import fitting
+from applications.qkd.decoy import SHARES, Decoys
+from applications.qkd.key_length import binary_entropy
+from applications.qkd.relayed_decoys import PairSifted, bounds
 from dispatcher.laboratory import SESSION, BlockKey, Laboratory, LaboratoryHost
 from dispatcher.layer.ownership import BlockName
 from evidence.curves import relay_theory, theory
@@ -24,10 +28,6 @@ from evidence.curves.estimates import Estimate, of_counts, proportion
 from evidence.curves.experiment import Outcome
 from evidence.curves.link import blocks, fiber, network
 from evidence.curves.parameters import Point
-from hosts.middleware.qkd.decoy import SHARES, Decoys
-from hosts.middleware.qkd.key_length import binary_entropy
-from hosts.middleware.qkd.relayed_decoys import PairSifted, bounds
-from hosts.middleware.services.key_distribution.relayed import fitting
 from wire.outcomes import NO_COINCIDENCE
 from wire.parameters.physics import BEAM_SPLITTER, BellAnalyser, Detectors, Device, PairSource
 

@@ -10,9 +10,9 @@ from math import exp
 
 import numpy as np
 
+from applications.qkd.decoy import Decoys, Sifted, bounds
+from applications.qkd.key_length import binary_entropy
 from evidence.curves import theory
-from hosts.middleware.qkd.decoy import Decoys, Sifted, bounds
-from hosts.middleware.qkd.key_length import binary_entropy
 
 LOSS_DB_PER_KM, SEEN, DARK, WRONG, CORRECTION = 0.21, 0.045, 1.7e-6, 0.033, 1.22
 SIGNAL = 0.48  # photons a pulse, best for these numbers

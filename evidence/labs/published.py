@@ -3,11 +3,11 @@
 from functools import partial
 from operator import itemgetter
 
+from applications.qkd.key_length import binary_entropy, secret_share
 from evidence.curves import theory
 from evidence.curves import vacuum_and_weak as decoys
 from evidence.curves.estimates import Estimate
 from evidence.labs.lab import Published, PublishedRow
-from hosts.middleware.qkd.key_length import binary_entropy, secret_share
 
 # Hensen et al., Nature 526, 682 (2015): two electron spins in diamond, 1.3 km apart.
 DELFT, DELFT_ERROR = 0.92, 0.03  # fidelity

@@ -30,7 +30,7 @@ def go_on(receiver: str, source: str, numbers: Iterator[int]) -> None:
     """Ask again and again; a request that is refused for want of light was one, too."""
     for number in numbers:
         with suppress(NoPath):
-            ask(number, receiver, source, Service.BB84).close()
+            ask(number, receiver, source, Service["BB84"]).close()
         print(number, flush=True)
 
 

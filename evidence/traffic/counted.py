@@ -56,7 +56,7 @@ class Asked:
     priority: int = 0
     deadline_s: float = 0.0  # from the request on; 0: none
     source: str = ""  # another host than the opener that makes the photons
-    service: Service = Service.BB84
+    service: Service = Service["BB84"]
     # Both directions of a port have one tuning: light of a wavelength of its own has fibres alone.
     wavelength_pm: int = Setup.wavelength_pm
     useful_s: float = inf  # without light so long after the request its opener gives up

@@ -18,10 +18,10 @@ from math import isfinite
 from statistics import NormalDist
 from typing import Any, Protocol, TypeVar
 
-from hosts.middleware.qkd.estimation import Estimate
 from hosts.middleware.services.superdense.coding import CODES, NAMES
 from hosts.middleware.session.ends import Watched
 from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.estimation import Estimate
 from hosts.middleware.session.options import overridden
 from wire.device import DevicePort, DeviceReport, DeviceSettings, Subscribe
 from wire.metadata.setup import Setup

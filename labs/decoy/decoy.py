@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from applications.qkd.decoy import SHARES, Decoys
+from applications.qkd.key_length import binary_entropy
 from evidence.curves import bb84 as paper
 from evidence.curves import finite_keys, theory
 from evidence.curves.estimates import Estimate, proportion
 from evidence.labs import finite_reach
 from evidence.labs.lab import Chart, Finding, Lab, Published, PublishedRow, Runs
-from hosts.middleware.qkd.decoy import SHARES, Decoys
-from hosts.middleware.qkd.key_length import binary_entropy
 
 PAPER = finite_reach.PAPER
 MORE = Published(1.75, 0.025, "section IV: about 1.75 times")

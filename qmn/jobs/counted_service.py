@@ -10,14 +10,13 @@ from rich.console import Console
 
 from controller_apps.policy.schedules import PARALLEL
 from hosts.middleware.services.interception.passing import SPLIT
-from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.middleware.services.switch_swap import MOST_SWITCHES, SwapOptions
 from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import ServiceOptions
 from hosts.timeouts import MAX_BLOCK_S
 from qmn.jobs import eavesdropping, runner
-from qmn.jobs.eavesdropping import RELAYED, SPLITTABLE, Attack
+from qmn.jobs.eavesdropping import Attack
 from qmn.jobs.policies import scheduling_policy, tapping_policy
 from qmn.jobs.run_context import RunContext
 from qmn.jobs.stepped import with_pace
@@ -36,7 +35,7 @@ from wire.light import Role
 from wire.metadata.vocabulary import Service
 from wire.parameters.checks import remedy
 from wire.parameters.physics import BEAM_SPLITTER, Device
-from wire.services import used_parts
+from wire.services import PREPARED, is_relayed, used_parts, uses_source
 
 PARTS = "analysers=1", "memories=2", "sources=1"  # of a switch that swaps, for --switch
 SWAPPING = "chain"  # the topology whose switches swap, with these parts
@@ -107,8 +106,8 @@ def folder_name(service: str) -> str:
 
 def length_of(options: ServiceOptions, verb: Verb) -> Length:
     """Return how long a session goes on."""
-    if isinstance(options, KeyOptions) and options.seconds:
-        return Length("seconds", ceil(options.seconds), "elapsed_s")
+    if options.lasts_s:
+        return Length("seconds", ceil(options.lasts_s), "elapsed_s")
     return Length(verb.unit.replace("_", " "), options.count, verb.unit)
 
 
@@ -141,10 +140,11 @@ def check_attack(request: ServiceRequest) -> None:
     splits = request.eve_attack == SPLIT
     if splits and request.eve != 1:
         raise BadInput(f"--eve-attack {SPLIT} is on every pulse: say --eve 1")
-    if splits and request.service not in SPLITTABLE:
+    service = Service[request.service.upper()]
+    if splits and (service not in PREPARED or uses_source(service)):
         raise BadInput(
             f"--eve-attack {SPLIT}: in {request.service} no sender prepares pulses; "
-            f"choose --protocol {SPLITTABLE[0]}"
+            "choose --protocol bb84"
         )
     if request.eve_hides_db is not None and not splits:
         raise BadInput(f"--eve-hides-db is of --eve-attack {SPLIT}: say both, or neither")
@@ -174,7 +174,7 @@ def fitted(
         request = in_switches(request, request.options, network)
     options = replace(request.options, host=network.node(request.receiver))
     request = replace(request, sender=network.node(request.sender), options=options)
-    if request.service == RELAYED:
+    if is_relayed(Service[request.service.upper()]):
         request, network = with_beam_splitter(request, network)
     ends = request.sender, request.receiver
     said_by = LINE if verb_of(request.service).line else FROM_TO

@@ -17,15 +17,15 @@ from qmn.timeouts import START_TIMEOUT_S
 from topologies.description.description import Description
 from topologies.networks.network import Network
 from topologies.system.processes.programs import Program, python
+from wire.light import Role
+from wire.metadata.vocabulary import Service
 from wire.results.figures import EveFigures, Figures
 from wire.results.run_result import ServiceJob
 from wire.results.time_series import fields_of
+from wire.services import beams
 
 EVE = "eve"
 TOPOLOGY = "tapped"  # that has her
-SPLITTABLE = ("bb84",)  # services whose light a sender prepares
-OWN_LIGHT = ("bb84", "conference")  # services whose light is that of who asks
-RELAYED = "mdi"  # the service whose light both ends send to a relay
 
 
 @dataclass(frozen=True)
@@ -79,21 +79,18 @@ def check(ends: Collection[str], network: NetworkDescription) -> None:
         raise BadInput("--eve makes a policy of its own: leave out --policy")
 
 
-def sender_of_light(service: str, sender: str, network: NetworkDescription) -> str:
-    """Return whose light the receiver measures: the sender's, or the pair source's."""
-    return sender if service in OWN_LIGHT else network.parts.source_for(sender)
-
-
 def tapped_way(
     service: str, ends: tuple[str, str], source: str, network: NetworkDescription
 ) -> tuple[str, str]:
     """Return from whom to whom the light goes that eve sees; ends ask, and are asked.
 
-    In MDI-QKD that is the light of who asks, on its way to the relay.
+    That is light to the host that is asked, or if it measures none, light to the relay.
     """
-    if service == RELAYED:
-        return ends[0], source or network.parts.source_for(ends[0])
-    return source or sender_of_light(service, ends[0], network), ends[1]
+    hosts = {Role.OPENER: ends[0], Role.ACCEPTOR: ends[1]}
+    hosts[Role.SOURCE] = source or network.parts.source_for(ends[0])
+    light = beams(Service[service.upper()])
+    seen = next((beam for beam in light if beam.end.role == Role.ACCEPTOR), light[0])
+    return hosts[seen.start.role], hosts[seen.end.role]
 
 
 @contextmanager

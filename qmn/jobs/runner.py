@@ -6,18 +6,19 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
+from pkgutil import resolve_name
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from hosts.middleware.session.options import SessionOptions
 from qmn.jobs import eavesdropping
-from qmn.jobs.key_handout import key_handout
 from qmn.jobs.obstacle import lost_light
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.jobs.transfer import TransferError, follow
 from qmn.options import BadInput
 from qmn.requests.request import Request
+from qmn.requests.service_verbs import verb_of
 from qmn.results import result
 from qmn.results.run_result import RunResult
 from qmn.timeouts import START_TIMEOUT_S
@@ -163,6 +164,7 @@ def handing_out(network: Network, job: Job, kept: ServiceJob) -> Iterator[Callab
         yield lambda: None
         return
     ends = job.opener, job.acceptor
+    key_handout = resolve_name(verb_of(job.service).hand_out)
     stores = [network.runtime.key_folder(host) for host in ends]
     with key_handout(job.hand_out, ends, stores) as handout:
         yield handout.take

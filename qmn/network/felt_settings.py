@@ -21,7 +21,7 @@ from wire.features import EMIT, HERALD, INTERFERE, MEASURE, STORE
 from wire.light import Role
 from wire.metadata.vocabulary import Service
 from wire.parameters.physics import Device
-from wire.services import RETURNS, Making, beams, needs, used_parts, uses_source
+from wire.services import PREPARED, RETURNS, Making, beams, needs, used_parts, uses_source
 
 Settings = frozenset[str]  # PART.NAME
 PARTS: dict[str, Any] = {each.name: each.default for each in fields(Device)}
@@ -52,7 +52,6 @@ EMITTING = _of("emitter") | {
 }
 STATION = _of("analyser", "detectors") | {"source.statistics"}  # a station has no pairs
 RATE: Settings = frozenset({"source.max_rate_hz"})  # the slowest source limits every session
-PREPARED = frozenset({Service.BB84, Service.MDI})  # services without pairs
 BELL = {
     (Service.SDC, Role.ACCEPTOR),
     (Service.TELEPORT, Role.OPENER),
@@ -61,7 +60,6 @@ BELL = {
 BESIDES = {
     (Service.SDC, Role.OPENER): PAULIS | _of("memory"),
     (Service.SDC_RETURN, Role.OPENER): PAULIS | _of("memory"),
-    (Service.MDI, Role.SOURCE): _of("memory"),
     (Service.TELEPORT, Role.OPENER): STATES,
 }
 FIBERS_OF_REPEATER = 2  # also of a station

@@ -13,9 +13,8 @@ from topologies.description.description import Description
 from wire.features import HERALD
 from wire.light import Role
 from wire.metadata.vocabulary import Service
-from wire.services import HERALDED_LIGHT, Making, beams, fibers_needed, uses_source
+from wire.services import HERALDED_LIGHT, REGISTERED, Making, beams, fibers_needed, uses_source
 
-THIRD = {Service.MDI: "a relay between both ends"}
 SOURCE = "a third host that makes pairs"
 
 
@@ -61,7 +60,8 @@ def making(service: Service, opener: str, source: str, parts: Description) -> Ma
 def _refuse_source(service: str, ends: Collection[str], source: str, named: bool) -> None:
     """Raise BadInput for no source, and for one that is an end of the session."""
     other = ", or name another, --source" if named else ""
-    needed = THIRD.get(Service[service.upper()], SOURCE)
+    asked = Service[service.upper()]
+    needed = REGISTERED[asked].third if asked in REGISTERED else SOURCE
     remedy = f"source=True and two fibres, on a map by sources_at{other}"
     if not source:
         raise BadInput(f"{service} needs {needed}, and none is one here: give a host {remedy}")

@@ -112,7 +112,7 @@ def parts_of(verb: Verb) -> list[type[Any]]:
         SenderOptions: not verb.line,
         BlockOptions: True,
         EavesdropperOptions: verb.eavesdropper,
-        HandOutOptions: bool(verb.protocols),
+        HandOutOptions: bool(verb.hand_out),
         SwapOptions: verb.scheduled,
     }
     return [part for part, is_there in has.items() if is_there]

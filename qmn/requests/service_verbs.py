@@ -22,6 +22,7 @@ class Verb:
     scheduled: bool = False  # whether repeaters take turns
     in_switches: str = ""  # the service that does it where switches of the network can
     keys: bool = False  # whether it leaves keys
+    hand_out: str = ""  # MODULE:NAME of a context that takes keys out as they come, as --hand-out
     line: bool = False  # whether its hosts are named together, in an order
 
 
@@ -49,24 +50,10 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             "states",
             line=True,
         ),
-        "conference": Verb(
-            "agree on one secret key of several hosts, by GHZ states",
-            "states",
-            eavesdropper=True,
-            keys=True,
-            line=True,
-        ),
         "teleport": Verb(
             "teleport states",
             "states",
             source=True,
-        ),
-        "qkd": Verb(
-            "distribute secret keys",
-            "sifted_bits",
-            ("bb84", "bbm92", "e91", "mdi"),
-            eavesdropper=True,
-            keys=True,
         ),
         "seal": Verb(
             "watch a fibre by entangled pairs",

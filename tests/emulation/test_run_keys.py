@@ -15,8 +15,8 @@ from loaded import run_qmn
 from test_results_fit_schema import require_schema
 
 from applications.keys.key_managers import KeyService, start_key_managers
-from hosts.middleware.qkd.key_store import KeyStore
-from hosts.middleware.qkd.keyring import CAPACITY
+from applications.qkd.key_store import KeyStore
+from applications.qkd.keyring import CAPACITY
 from qmn.jobs.transfer import Lines
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo

@@ -26,12 +26,12 @@ from target import Target
 
 from applications.ip_over_light import ip_packet
 from applications.ip_over_light.lost_packet import Packet
+from applications.key_distribution.under_way import Cutter
 from applications.keys import key_assignment, key_delivery, key_relay
 from applications.netqasm import text_format
 from applications.processing_unit import messages, pair_requests, subroutine
 from controller_apps.openflow import discovery
 from controller_apps.packets import datagrams, segments
-from hosts.middleware.services.key_distribution.under_way import Cutter
 from wire import (
     controller_lines,
     device,

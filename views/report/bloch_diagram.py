@@ -5,7 +5,7 @@ from math import cos, radians, sin, tau
 
 from matplotlib.axes import Axes
 
-from hosts.middleware.qkd.estimation import Estimate
+from hosts.middleware.session.estimation import Estimate
 from views.report import drawing
 from views.report.drawing import GRID, MUTED, QUANTUM
 

@@ -3,8 +3,6 @@
 from collections.abc import Iterator, Sequence
 from html import escape
 
-from hosts.middleware.services.key_distribution.options import KeyOptions
-from qmn.requests.service import ServiceRequest
 from qmn.results.fiber_use import fiber_use
 from qmn.results.timeline import TIMELINE
 from views.report import charts, error_counts
@@ -141,13 +139,12 @@ def key_figure(job: KeysJob) -> str:
 
 def key_distribution_figures(run: RunFacts) -> Iterator[str]:
     """Yield what a session of key distribution found; nothing for other runs."""
-    keys, request = run.result.asking, run.result.parameters
-    if not (isinstance(keys, KeyFigures) and isinstance(request, ServiceRequest)):
+    keys = run.result.asking
+    if not isinstance(keys, KeyFigures):
         return
-    options = request.options
     interval = keys.qber_low or 0.0, 1.0 if keys.qber_high is None else keys.qber_high
-    if isinstance(options, KeyOptions) and keys.qber is not None:
-        drawn = charts.error_rate(keys.qber, interval, options.max_qber)
+    if keys.max_qber is not None and keys.qber is not None:
+        drawn = charts.error_rate(keys.qber, interval, keys.max_qber)
         text = "Of the disclosed bits, with its interval of 95 %. An eavesdropper who measures and "
         text += "resends all photons causes 25 %."
         yield figure("Error rate", drawn, text)

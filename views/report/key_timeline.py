@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hosts.middleware.services.key_distribution.options import KeyOptions
 from views.report import drawing
 from views.report.drawing import BAD, INK, METADATA, MUTED, QUANTUM
 from wire.results.time_series import FileMoment, KeyMoment, Moment, SessionMoment
 
+MAX_QBER = 0.1  # of sessions of key managers: above it there is no key
 TUNNEL = "tunnel"  # how events of it begin
 WIDE_INCHES = (9.0, 1.6)  # of each row
 
@@ -56,7 +56,7 @@ def _sessions(axes: Axes, moments: Sequence[Moment], _end: float) -> None:
         some = [(at, qber) for at, qber, keys in held if keys == with_key]
         points = [at for at, _qber in some], [qber for _at, qber in some]
         axes.plot(*points, "o", color=colour, markersize=5, label=label)
-    axes.axhline(KeyOptions.max_qber, color=MUTED, linewidth=0.9, linestyle="--")
+    axes.axhline(MAX_QBER, color=MUTED, linewidth=0.9, linestyle="--")
     axes.set_ylabel("QBER")
     axes.set_ylim(bottom=-0.01)
     axes.legend(loc="center left", ncols=2)

@@ -1,7 +1,5 @@
 """The sentence about a run: its result, with the numbers that matter."""
 
-from hosts.middleware.services.key_distribution.options import KeyOptions
-from qmn.requests.service import ServiceRequest
 from qmn.results.run_result import RunResult
 from views.titles import TITLES
 from wire.results.figures import (
@@ -72,7 +70,7 @@ def _of_message(result: RunResult) -> str:
 
 
 def _of_keys(result: RunResult) -> str:
-    keys, request = result.asking, result.parameters
+    keys = result.asking
     assert isinstance(keys, KeyFigures)
     if keys.qber is None or keys.qber_low is None or keys.qber_high is None:
         return ""
@@ -81,8 +79,7 @@ def _of_keys(result: RunResult) -> str:
     rate = f"QBER {100 * keys.qber:.1f} % ({low} to {high} %)"
     if result.delivered:
         return f"{keys.key_bits:,} bits of secret key, {rate}"
-    options = request.options if isinstance(request, ServiceRequest) else None
-    if isinstance(options, KeyOptions) and keys.qber > options.max_qber:
+    if keys.max_qber is not None and keys.qber > keys.max_qber:
         return f"No key: an eavesdropper or noise, {rate}"
     return f"No key: {(result.error or '').removeprefix('no key: ')}"
 

@@ -23,16 +23,11 @@ class Service(IntEnum):
     PAIR_SOURCE = 2  # of an open session: its pairs
     DISTRIBUTE = 3  # entanglement distribution
     TELEPORT = 4
-    BBM92 = 5  # quantum key distribution by entangled pairs
-    BB84 = 6  # by single photons that the opener prepares
     SWAP = 7  # entanglement swapping, by way of repeaters
     LINK = 8  # between neighbours of such a chain: the opener makes pairs and keeps half of each
     SDC_RETURN = 9  # superdense coding back to the opener of a session of it, with its light
     SEAL = 10  # pairs that watch a fibre
     GHZ = 11  # states of several hosts: this is between two neighbours of their line
-    E91 = 12  # quantum key distribution by entangled pairs, with a CHSH test
-    MDI = 13  # by photons that both ends prepare and a relay measures in pairs
-    CONFERENCE = 15  # a key of several hosts, by GHZ states: between two neighbours likewise
     GRAPH = 16  # graph states of several hosts: this is between two neighbours of their line
     SWITCH_SWAP = 17  # swapping by a switch's Bell analyser, to which both ends send halves
     members = vars()

@@ -6,14 +6,10 @@ from typing import TYPE_CHECKING
 
 from wire.light import registered_services
 from wire.results.figures import (
-    ConferenceFigures,
-    ConferenceFollowerFigures,
     Figures,
     FollowerFigures,
     GhzFigures,
     GraphFigures,
-    KeyFigures,
-    KeyProgress,
     LineFigures,
     PairFigures,
     ReceiverFigures,
@@ -31,15 +27,11 @@ else:
         (kind for service in registered_services() for kind in service.figures),
         Figures
         | TeleportFigures
-        | KeyProgress
-        | KeyFigures
         | PairFigures
         | LineFigures
         | FollowerFigures
         | GhzFigures
         | GraphFigures
-        | ConferenceFigures
-        | ConferenceFollowerFigures
         | SealFigures
         | SealedFigures
         | SentFigures

@@ -5,14 +5,12 @@ from pkgutil import resolve_name
 from types import MappingProxyType
 
 from hosts.middleware.services import switch_swap
-from hosts.middleware.services.conference import conference
 from hosts.middleware.services.distribution import distribute
 from hosts.middleware.services.ghz import connections
 from hosts.middleware.services.ghz import protocol as ghz
 from hosts.middleware.services.ghz.options import GhzOptions
 from hosts.middleware.services.graph_states import protocol as graph_states
 from hosts.middleware.services.graph_states.options import GraphOptions
-from hosts.middleware.services.key_distribution import session
 from hosts.middleware.services.sealing import seal
 from hosts.middleware.services.superdense import superdense
 from hosts.middleware.services.swapping import swap
@@ -27,11 +25,6 @@ KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
         for kind in (
             superdense.KIND,
             superdense.RETURN_KIND,
-            session.BB84,
-            session.BBM92,
-            session.E91,
-            session.MDI,
-            conference.KIND,
             distribute.KIND,
             connections.line(Service.GHZ, GhzOptions, ghz.Leader, ghz.Follower),
             connections.line(

@@ -26,6 +26,7 @@ from wire.metadata.blocks import Emission, Emit, Emitted
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.values import Values
 from wire.metadata.vocabulary import MemoryState, Reason, Service
+from wire.services import is_relayed
 
 
 def growing_pauses(asker: str) -> Iterator[float]:
@@ -106,7 +107,7 @@ class Arrangement:
     async def engage_source(self) -> None:
         """Connect to the pair source of the session; raise SessionError if it refuses."""
         self._pairs = await MetadataChannel.connect(self._source, self._setup.source)
-        relayed = self._setup.service == Service.MDI
+        relayed = is_relayed(Service(self._setup.service))
         memory = MemoryState.RELAYED if relayed else self._setup.memory
         await self._pairs.request(replace(self._setup, service=Service.PAIR_SOURCE, memory=memory))
 

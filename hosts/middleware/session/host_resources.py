@@ -7,7 +7,6 @@ from typing import Any, cast
 import numpy as np
 
 from hosts.hardware.qnic import Qnic
-from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.session.encoding import DISTINGUISHABLE_STATES
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.middleware.session.values import Lifetimes
@@ -46,7 +45,8 @@ class HostResources:
     seed: int
     qnic: Qnic
     analyser: str  # its kind of Bell analyser (wire.parameters.physics.ANALYSERS)
-    keyring: Keyring  # what this host shares with others
+    pair_secrets: str  # folder of the secrets that hosts share two by two; "": there is none
+    keys: str  # folder of this host's keys; "": there is none
     swaps: Swaps  # the chains of repeaters that it is part of
     node_features: NodeFeatures
     multi_photon: float  # how likely a pulse of its source has several photons
@@ -56,6 +56,7 @@ class HostResources:
     channels_mhz: Mapping[str, int] = field(
         default_factory=dict
     )  # of its interfaces that are channels
+    shared: dict[str, Any] = field(default_factory=dict)  # what a service keeps between sessions
 
     def at(self, wavelength_pm: int) -> "HostResources":
         if not self.channels_mhz:

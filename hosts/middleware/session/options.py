@@ -142,6 +142,11 @@ class ServiceOptions(SessionOptions):
         return 0
 
     @property
+    def lasts_s(self) -> float:
+        """Return the time that a session is to last; 0: until its count is reached."""
+        return 0.0
+
+    @property
     def sends_light(self) -> bool:
         """Return whether hosts send each other light."""
         return True

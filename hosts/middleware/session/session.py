@@ -31,7 +31,7 @@ from wire.light import Role
 from wire.metadata.blocks import Finish
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import Handshake, MemoryState, Reason, Service
-from wire.services import Making, fibers_needed, uses_source
+from wire.services import PREPARED, Making, fibers_needed, uses_source
 
 CERTAIN_PPM = 1_000_000
 
@@ -236,12 +236,14 @@ def require_source(service: Service, source: str, is_source: bool, peer: str) ->
 def check_asked(setup: Setup, handshakes: Sequence[Handshake]) -> None:
     """Raise SessionError for a set-up that no service with these handshakes can serve."""
     check_light(setup)
+    service = Service(setup.service)
     if setup.handshake not in handshakes:
-        text = f"{Service(setup.service).name.lower()} with the handshake "
+        text = f"{service.name.lower()} with the handshake "
         text += f"{Handshake(setup.handshake).name}: choose "
         text += " or ".join(handshake.name for handshake in handshakes)
         raise SessionError(Reason.UNSUPPORTED, text)
-    most = MAX_BLOCK_PULSES if setup.service == Service.BB84 else MAX_BLOCK_PAIRS
+    pulses = service in PREPARED and not uses_source(service)
+    most = MAX_BLOCK_PULSES if pulses else MAX_BLOCK_PAIRS
     if setup.pairs > most:
         text = f"blocks of {setup.pairs} pairs: choose 1 to {most} (block_pairs)"
         raise SessionError(Reason.UNSUPPORTED, text)

@@ -13,9 +13,9 @@ from applications.keys.key_assignment import Assignment
 from applications.keys.key_delivery import DeliveredKey, KeyRequest
 from applications.keys.refusals import NOT_FOUND, Allowance, Refused, unavailable
 from applications.keys.waiting import WaitingKeys
+from applications.qkd.key_files import KeyStoreError
+from applications.qkd.key_store import StoredKey
 from hosts import network_loop
-from hosts.middleware.qkd.key_files import KeyStoreError
-from hosts.middleware.qkd.key_store import StoredKey
 from hosts.timeouts import FETCH_TIMEOUT_S
 from wire.key_manager import KEY_LINK_PORTS, KeyManagerConfig, manager_name
 

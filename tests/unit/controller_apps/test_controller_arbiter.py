@@ -25,13 +25,7 @@ from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop
 from controller_apps.light.routing import Leg, Limits, cheapest_path
 from controller_apps.packets.segments import FiveTuple
-from controller_apps.sessions.actions import (
-    AddBypass,
-    ClosePaths,
-    Forward,
-    Note,
-    OpenPaths,
-)
+from controller_apps.sessions.actions import AddBypass, ClosePaths, Forward, Note, OpenPaths
 from wire.metadata.blocks import Emit
 from wire.metadata.decoding import decode
 from wire.metadata.header import HEADER, METADATA_PORT
@@ -188,8 +182,9 @@ def test_a_service_that_nobody_knows_is_refused_where_the_hosts_can_say_so(
     ("service", "legs"),
     [
         (Service.TELEPORT, PATHS[:1] + PATHS[2:]),  # nothing goes from alice to bob
-        (Service.BBM92, PATHS[:1] + PATHS[2:]),
-        (Service.BB84, (Hop(Q1, PATHS[1].in_port, PATHS[2].out_port),)),  # from alice, nothing else
+        (Service["BBM92"], PATHS[:1] + PATHS[2:]),
+        # From alice, nothing else.
+        (Service["BB84"], (Hop(Q1, PATHS[1].in_port, PATHS[2].out_port),)),
     ],
 )
 def test_each_service_gets_the_light_it_needs(service: Service, legs: tuple[Hop, ...]) -> None:
@@ -211,7 +206,7 @@ def test_refusals_name_their_reason_and_open_nothing() -> None:
         (replace(from_bob, handshake=Handshake.PER_PAIR), Reason.NO_PATH),
         # Only superdense coding knows another handshake.
         (replace(FRAMED, service=Service.TELEPORT, handshake=Handshake.PER_PAIR), Reason.PROTOCOL),
-        (replace(FRAMED, service=Service.BB84, handshake=Handshake.ONE_PAIR), Reason.PROTOCOL),
+        (replace(FRAMED, service=Service["BB84"], handshake=Handshake.ONE_PAIR), Reason.PROTOCOL),
     ]
     for setup, reason in cases:
         state = arbiter(rotation=1)

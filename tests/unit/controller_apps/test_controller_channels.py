@@ -58,7 +58,7 @@ def trunk(queues: bool = False, switches: int = 2, count: int = 3) -> Arbiter:
 
 def bb84(session: int, wavelength_pm: int = ANY_WAVELENGTH) -> Setup:
     source = host("a", session)
-    asked = session, Service.BB84, Handshake.FRAMED, source, 1, 1, 1
+    asked = session, Service["BB84"], Handshake.FRAMED, source, 1, 1, 1
     return Setup(*asked, wavelength_pm=wavelength_pm)
 
 

@@ -27,7 +27,7 @@ from wire.monitor_messages import SealOrder
 
 WATCH = Watch(("alice", "bob"), every_s=10.0, pairs=2000, rate_hz=5000, false_alarm=1e-9)
 SEAL = replace(FRAMED, service=Service.SEAL, source=ALICE)
-KEYS = replace(FRAMED, service=Service.BB84, session=8)
+KEYS = replace(FRAMED, service=Service["BB84"], session=8)
 
 
 def idle(state: Arbiter, *watches: Watch) -> IdleLight:
@@ -153,7 +153,7 @@ def test_only_the_seal_that_was_ordered_needs_no_leave_of_the_policy() -> None:
     ordered, connection = replace(SEAL, session=1000), FiveTuple(ALICE, 4, BOB, METADATA_PORT)
     assert light.ordered(ordered, connection)
     assert not light.ordered(replace(ordered, session=1001), connection)
-    assert not light.ordered(replace(ordered, service=Service.BB84), connection)
+    assert not light.ordered(replace(ordered, service=Service["BB84"]), connection)
     assert not light.ordered(replace(ordered, source=CHARLIE), connection)
     assert not light.ordered(ordered, FiveTuple(CHARLIE, 4, BOB, METADATA_PORT))
     assert not light.ordered(ordered, FiveTuple(ALICE, 4, CHARLIE, METADATA_PORT))

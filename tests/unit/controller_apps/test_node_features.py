@@ -96,7 +96,7 @@ def test_blocks_are_no_larger_than_the_smallest_memory_that_keeps_them() -> None
     network = announced(dict(small))
     assert admission(of(Service.DISTRIBUTE), network).block_pairs == 32
     assert admission(of(Service.DISTRIBUTE, pairs=20), network).block_pairs == 20
-    assert admission(of(Service.BBM92), network).block_pairs == FRAMED.pairs  # nothing is kept
+    assert admission(of(Service["BBM92"]), network).block_pairs == FRAMED.pairs  # nothing is kept
     # A repeater keeps a half of the pairs of both its links.
     assert admission(of(Service.SWAP), network).block_pairs == 3
 

@@ -20,7 +20,7 @@ from wire.metadata.vocabulary import Reason, Service, Verdict
 from wire.optical import PathOptics
 
 NEAR, FAR = SwitchPort(1, 2), SwitchPort(2, 2)
-KEYS = replace(FRAMED, service=Service.BB84, source=ALICE)
+KEYS = replace(FRAMED, service=Service["BB84"], source=ALICE)
 
 
 def two_switches() -> Network:

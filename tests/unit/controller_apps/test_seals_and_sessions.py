@@ -10,14 +10,7 @@ from controller_apps.light.paths import Hop, HostPort, Network
 from controller_apps.packets.segments import parse
 from controller_apps.policy.policy import CLOSE, TELL
 from controller_apps.policy.reading import BadPolicy, parse_policy, require_switches
-from controller_apps.sessions.actions import (
-    Action,
-    ClosePaths,
-    Forward,
-    Note,
-    OpenPaths,
-    Order,
-)
+from controller_apps.sessions.actions import Action, ClosePaths, Forward, Note, OpenPaths, Order
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.link_monitors import LinkMonitors
 from controller_apps.timeouts import PREEMPTION_S
@@ -27,7 +20,7 @@ from wire.metadata.vocabulary import Reason, Service
 from wire.monitor_messages import GiveBack
 
 SEAL = replace(FRAMED, service=Service.SEAL, source=ALICE)
-KEYS = replace(FRAMED, service=Service.BB84, session=8)
+KEYS = replace(FRAMED, service=Service["BB84"], session=8)
 
 
 def ask(state: Arbiter, setup: Setup, sport: int) -> list[Action]:

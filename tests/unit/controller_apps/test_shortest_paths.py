@@ -197,7 +197,7 @@ def test_whoever_waits_has_no_light_after_any_event() -> None:
     for number in range(1, 110):
         one, other = random.sample(range(1, SWITCHES + 1), 2)
         asked[number] = address(one), address(other)
-        setup = Setup(number, Service.BB84, Handshake.FRAMED, address(one), 64, 1, 1)
+        setup = Setup(number, Service["BB84"], Handshake.FRAMED, address(one), 64, 1, 1)
         say(number, 100, "PA", setup.encode())
         if number > 30:
             ended = random.choice(sorted(lit))

@@ -18,7 +18,7 @@ from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason, Service, Verdict
 
 EVE = "10.0.0.4"
-BB84 = replace(FRAMED, service=Service.BB84)
+BB84 = replace(FRAMED, service=Service["BB84"])
 TAP = Tap(("alice", "bob"), "eve")
 DIRECT = Hop(Q1, 1, 2)
 BY_EVE = [Hop(Q1, 1, 6), Hop(Q1, 7, 2)]
@@ -69,7 +69,7 @@ def test_her_first_fibres_by_their_names_are_taken() -> None:
 def test_only_the_legs_between_these_hosts_are_divided() -> None:
     state = network_of("eve-q0", "eve-q1")
     state.follow(replace(UNFILTERED, taps=(Tap(("charlie", "alice"), "eve"),)))
-    assert opened(ask(state, replace(BB84, service=Service.BBM92, source=CHARLIE))) == [
+    assert opened(ask(state, replace(BB84, service=Service["BBM92"], source=CHARLIE))) == [
         Hop(Q1, 4, 6),
         Hop(Q1, 7, 1),
         Hop(Q1, 5, 2),

@@ -22,8 +22,8 @@ from fault_scene import (
     takes_part,
 )
 
+from applications.key_distribution import light
 from hosts import network_loop
-from hosts.middleware.services.key_distribution import light
 from hosts.middleware.session import protocol, swap_orders
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_BLOCK_PULSES
 from wire.device import DeviceReport

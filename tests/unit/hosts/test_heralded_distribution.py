@@ -74,6 +74,6 @@ def test_nothing_that_a_station_refuses_goes_on(tmp_path: Path) -> None:
 
 
 def test_a_service_without_stations_refuses_memories_that_emit() -> None:
-    setup = Setup(1, Service.BB84, 1, "10.0.0.3", 1, 1, 1, memory=MemoryState.HERALDED)
+    setup = Setup(1, Service["BB84"], 1, "10.0.0.3", 1, 1, 1, memory=MemoryState.HERALDED)
     with pytest.raises(SessionError, match="memory 1 for bb84: choose 0"):
         check_light(setup)

@@ -18,11 +18,11 @@ from forked_python import Forked
 from limits import SOON_S
 from stacks_scene import accepted, live_qubits, network, requested
 
+from applications.qkd.alice import Alice
+from applications.qkd.bob import Bob
+from applications.qkd.sifting import Known
 from hosts import network_loop
 from hosts.hardware.replies import Received
-from hosts.middleware.qkd.alice import Alice
-from hosts.middleware.qkd.bob import Bob
-from hosts.middleware.qkd.sifting import Known
 from hosts.middleware.services.interception.passing import rate_of
 from hosts.middleware.session.options import MAX_RATE_HZ
 from hosts.service_socket import ServiceSocket

@@ -143,7 +143,7 @@ def test_a_host_takes_part_in_the_seal_that_was_ordered_once_and_in_no_other() -
         setup = grant(Setup(SEAL, Service.SEAL, Handshake.FRAMED, "10.0.0.2", 1, 1, 1))
         assert alices.expected(setup, "10.0.0.3") is None
         assert alices.expected(replace(setup, session=SEAL + 1), "10.0.0.2") is None
-        assert alices.expected(replace(setup, service=Service.BB84), "10.0.0.2") is None
+        assert alices.expected(replace(setup, service=Service["BB84"]), "10.0.0.2") is None
         assert alices.expected(setup, "10.0.0.2") is not None
         assert alices.expected(setup, "10.0.0.2") is None
 

@@ -11,9 +11,9 @@ from fault_scene import DATA, PORT, SERVICES, Once, require_no_session, running,
 from limits import SOON_S
 from stacks_scene import OWN_ADDRESS, arbitrated, grant
 
+from applications.key_distribution import acceptor as key_acceptor
+from applications.key_distribution import light as key_light
 from hosts import network_loop
-from hosts.middleware.services.key_distribution import acceptor as key_acceptor
-from hosts.middleware.services.key_distribution import light as key_light
 from hosts.middleware.session import protocol
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError

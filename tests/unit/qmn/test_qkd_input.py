@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hosts.middleware.services.key_distribution.options import KeyOptions
+from applications.key_distribution.options import KeyOptions
 from qmn.__main__ import described
 from qmn.jobs.counted_service import checked
 from qmn.network.description import describe_network

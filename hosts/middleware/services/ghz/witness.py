@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.middleware.qkd.estimation import share_variance
+from hosts.middleware.session.estimation import share_variance
 from wire.outcomes import BASES
 
 Z, X, Y = (BASES.index(name) for name in "ZXY")

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.middleware.qkd.estimation import share_variance
 from hosts.middleware.services.ghz.line import Table
 from hosts.middleware.services.ghz.witness import X, Y, Z
 from hosts.middleware.services.graph_states.graph import Graph
+from hosts.middleware.session.estimation import share_variance
 
 
 @dataclass

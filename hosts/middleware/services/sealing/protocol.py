@@ -7,26 +7,12 @@ import numpy as np
 
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
-from hosts.middleware.services.key_distribution.light import (
-    measured,
-    measuring,
-    random_bases,
-    turned_back,
-)
+from hosts.middleware.services.measured_light import measured, measuring, random_bases, turned_back
 from hosts.middleware.services.sealing.sequential_test import Question, SequentialTest
 from hosts.middleware.session.blocks import LOST
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_COUNT, MAX_RATE_HZ, ServiceOptions
-from hosts.middleware.session.protocol import (
-    Emit,
-    HostSide,
-    Now,
-    OpenerSide,
-    Steps,
-    Tell,
-    do,
-    hear,
-)
+from hosts.middleware.session.protocol import Emit, HostSide, Now, OpenerSide, Steps, Tell, do, hear
 from wire.metadata.values import Topic
 from wire.metadata.vocabulary import Reason
 from wire.outcomes import NO_COINCIDENCE

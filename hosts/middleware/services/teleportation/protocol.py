@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Outcomes, Symbols
-from hosts.middleware.qkd.estimation import share_variance
 from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.services.teleportation.qubit_states import Cardinal, Heard, States
 from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.estimation import share_variance
 from hosts.middleware.session.protocol import (
     Hear,
     HostSide,

@@ -114,7 +114,7 @@ def test_an_alarm_of_a_seal_whose_light_was_taken_says_nothing(
     ready.packet_in(ready.s1, 1, frame(seal.encode()))
     ready.barrier(ready.q1.take()[-1].xid)
     assert ready.quantum.monitors.is_of(seal.session, ALICE)
-    wanted = replace(FRAMED, service=Service.BB84, session=8)
+    wanted = replace(FRAMED, service=Service["BB84"], session=8)
     ready.packet_in(ready.s1, 1, frame(wanted.encode(), sport=40001))
     now[0] += 1.0
     ready.quantum.time_passed(None)

@@ -1,0 +1,98 @@
+"""Bounds of single photons at both ends of a relay, against yields that are known."""
+
+from itertools import product
+from math import comb, exp, factorial
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from applications.qkd.decoy import Decoys
+from applications.qkd.relayed_decoys import TERMS, PairSifted, bounds, expected, key_length
+from evidence.curves.relay_theory import diagonal, endless_key, rectilinear, single_photons
+
+ALICE, BOB = Decoys((0.4, 0.05, 0.0)), Decoys((0.48, 0.06, 0.001))
+DARK, ERROR = 1e-6, 0.015
+PULSES = 1e12
+SHARES = np.outer(ALICE.shares, BOB.shares)
+
+
+def counted(a: float, b: float, ends: tuple[Decoys, Decoys] = (ALICE, BOB)) -> PairSifted:
+    """Return the counts of the closed forms; a, b: how likely a photon of either end is seen."""
+    tables = [
+        np.array(
+            [[formula(m * a, n * b, DARK, ERROR) for n in ends[1].means] for m in ends[0].means]
+        )
+        for formula in (rectilinear, diagonal)
+    ]
+    key, test = (table * SHARES[..., None] * PULSES for table in tables)
+    return PairSifted(key[..., 0], test[..., 0], test[..., 1])
+
+
+@pytest.mark.parametrize(("a", "b"), [(0.9, 0.9), (0.1, 0.1), (0.3, 0.2)])
+def test_bounds_hold_and_are_close(a: float, b: float) -> None:
+    """Of lasers, where single photons are known to bring what the closed form says."""
+    told, wrong = single_photons(a, b, DARK, ERROR)
+    single = ALICE.photons(1) * BOB.photons(1) * told * PULSES
+    found = bounds((ALICE, BOB), counted(a, b), None)
+    assert 0.85 * single < found.single <= single
+    assert wrong / told <= found.phase_error < wrong / told + 0.1
+
+
+def yields(random: np.random.Generator, most: int = 12) -> NDArray[np.float64]:
+    """Return any yields of n and m photons, as an eavesdropper may like them."""
+    return random.random((most, most)) ** 4
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_bounds_hold_for_any_yields(seed: int) -> None:
+    """An eavesdropper who knows the numbers of photons chooses what is announced, and what errs."""
+    random = np.random.default_rng(seed)
+    told, share = yields(random), random.random((12, 12))
+    tables = []
+    for table in (told, told, told * share):
+        counts = np.zeros((3, 3))
+        for (i, a), (j, b) in product(enumerate(ALICE.means), enumerate(BOB.means)):
+            weights = [[exp(-m) * m**n / factorial(n) for n in range(12)] for m in (a, b)]
+            counts[i, j] = SHARES[i, j] * (np.array(weights[0]) @ table @ np.array(weights[1]))
+        tables.append(counts * PULSES)
+    found = bounds((ALICE, BOB), PairSifted(*tables), None)
+    single = ALICE.photons(1) * BOB.photons(1) * told[1, 1] * PULSES
+    assert found.single <= single * (1 + 1e-9)
+    if found.single > 0:
+        assert found.phase_error >= min(0.5, share[1, 1]) - 1e-9
+
+
+def test_finite_bounds_come_near_those_of_endless_keys() -> None:
+    ends, eps = (ALICE, BOB), 1e-10
+    for scale, near in ((1.0, 0.99), (1e-2, 0.85)):
+        counts = PairSifted(*(table * scale for table in vars(counted(0.9, 0.9)).values()))
+        endless, finite = bounds(ends, counts, None), bounds(ends, counts, eps)
+        assert near * endless.single < finite.single < endless.single
+        assert finite.phase_error > endless.phase_error
+    few = PairSifted(*(table * 1e-7 for table in vars(counted(0.9, 0.9)).values()))
+    assert key_length(ends, few, 0, eps, 1e-15) == 0
+
+
+def test_expectations_are_missed_as_rarely_as_is_said() -> None:
+    """The tails of a binomial distribution, exactly, at both ends of the announced interval."""
+    n, p, eps = 400, 0.05, 1e-3
+    chances = [comb(n, k) * p**k * (1 - p) ** (n - k) for k in range(n + 1)]
+    low, high = expected(np.arange(n + 1), eps)
+    assert sum(c for c, least in zip(chances, low, strict=True) if least > n * p) <= eps
+    assert sum(c for c, most in zip(chances, high, strict=True) if most < n * p) <= eps
+    assert sum(c for c, least in zip(chances, low, strict=True) if least > n * p) > 0
+
+
+def test_the_closed_form_of_endless_decoys_is_an_upper_limit() -> None:
+    """Lo, Curty and Qi's key of signals, with photon numbers known, beside that of two decoys."""
+    mean, a = 0.4, 0.5
+    ends = Decoys((mean, 0.01, 0.0)), Decoys((mean, 0.01, 0.0))
+    found = bounds(ends, counted(a, a, ends), None)
+    of_signals = (0.5 * mean * exp(-mean)) ** 2 / (ends[0].photons(1) * ends[1].photons(1))
+    gain, wrong = rectilinear(mean * a, mean * a, DARK, ERROR)
+    entropy = -sum(x * np.log2(x) for x in (wrong / gain, 1 - wrong / gain))
+    key = found.secret * of_signals / (0.25 * PULSES) - 1.16 * gain * entropy
+    assert key == pytest.approx(endless_key(mean, a, DARK, ERROR, 1.16), rel=0.05)
+    assert key < endless_key(mean, a, DARK, ERROR, 1.16)
+    assert TERMS == 27
