@@ -9,6 +9,11 @@ CONFERENCE = Verb(
     keys=True,
     line=True,
 )
+GRAPH = Verb(
+    "make graph states of several hosts, and estimate their fidelity",
+    "states",
+    line=True,
+)
 QKD = Verb(
     "distribute secret keys",
     "sifted_bits",

@@ -13,7 +13,7 @@ from functools import cache
 from importlib.metadata import entry_points
 from typing import Any, NamedTuple
 
-from wire.features import Feature
+from wire.features import ABSORB, EMIT, MEASURE, STORE, Feature
 
 GROUP = "qmn.services"
 
@@ -49,6 +49,7 @@ PAIRS = (
     Beam(FiberOf(SOURCE, 1), FiberOf(ACCEPTOR, 0)),  # half 1
 )
 TO_NEXT = (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),)  # of a line of hosts
+NEEDS_OF_LINE = {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: ABSORB | STORE | MEASURE}
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from types import MappingProxyType
 from wire.features import ABSORB, EMIT, GATE, HERALD, INTERFERE, MEASURE, NOTHING, STORE, Feature
 from wire.light import (
     ACCEPTOR,
+    NEEDS_OF_LINE,
     OPENER,
     PAIRS,
     REPEATER,
@@ -51,7 +52,6 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
         Service.SWITCH_SWAP: (),  # who programs the switch, opens it
         Service.LINK: TO_NEXT,
         Service.GHZ: TO_NEXT,
-        Service.GRAPH: TO_NEXT,
         # Its pairs come by the light of the session that it goes back on: either half of them
         # is at hand at either host, and who sends passes its own on.
         Service.SDC_RETURN: (Beam(FiberOf(OPENER, 0), FiberOf(ACCEPTOR, 1)),),
@@ -65,9 +65,7 @@ RETURNS: Mapping[Service, Service] = MappingProxyType({Service.SDC_RETURN: Servi
 PREPARED = frozenset(service for service, each in REGISTERED.items() if each.prepares_states)
 # Services of lines of hosts, each of which opens a session with the next: they count on from the
 # number of the first.
-LINES = frozenset(
-    {Service.GHZ, Service.GRAPH} | {service for service, each in REGISTERED.items() if each.line}
-)
+LINES = frozenset({Service.GHZ} | {service for service, each in REGISTERED.items() if each.line})
 
 
 # Where the opener is the source, of services that can do with that: it keeps half of each pair.
@@ -101,8 +99,7 @@ NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
             ACCEPTOR: ABSORB | STORE | MEASURE,
         },
         Service.SEAL: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
-        Service.GHZ: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: ABSORB | STORE | MEASURE},
-        Service.GRAPH: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: ABSORB | STORE | MEASURE},
+        Service.GHZ: NEEDS_OF_LINE,
         Service.SWAP: {
             OPENER: EMIT | STORE,
             ACCEPTOR: ABSORB | STORE,

@@ -1,7 +1,6 @@
 """Conference keys, as every process knows them."""
 
-from wire.features import ABSORB, EMIT, MEASURE, STORE
-from wire.light import ACCEPTOR, OPENER, TO_NEXT, RegisteredService
+from wire.light import NEEDS_OF_LINE, TO_NEXT, RegisteredService
 from wire.results.figures import FollowerFigures, LineFigures
 
 
@@ -41,7 +40,7 @@ CONFERENCE = RegisteredService(
     number=15,
     title="Conference keys",
     light=TO_NEXT,
-    needs={OPENER: EMIT | STORE | MEASURE, ACCEPTOR: ABSORB | STORE | MEASURE},
+    needs=NEEDS_OF_LINE,
     ends="applications.conference.conference:KIND",
     figures=(ConferenceFigures, ConferenceFollowerFigures),
     line=True,

@@ -1,7 +1,6 @@
 """Distributed sensing, as every process knows it."""
 
-from wire.features import ABSORB, EMIT, MEASURE, STORE
-from wire.light import ACCEPTOR, OPENER, TO_NEXT, RegisteredService
+from wire.light import ACCEPTOR, NEEDS_OF_LINE, OPENER, TO_NEXT, RegisteredService
 from wire.results.figures import LineFigures
 
 
@@ -22,7 +21,7 @@ SENSE = RegisteredService(
     number=14,
     title="Distributed sensing",
     light=TO_NEXT,
-    needs={OPENER: EMIT | STORE | MEASURE, ACCEPTOR: ABSORB | STORE | MEASURE},
+    needs=NEEDS_OF_LINE,
     ends="applications.sensing.ends:KIND",
     figures=(SensingFigures,),
     line=True,

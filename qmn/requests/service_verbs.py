@@ -45,11 +45,6 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             "states",
             line=True,
         ),
-        "graph": Verb(
-            "make graph states of several hosts, and estimate their fidelity",
-            "states",
-            line=True,
-        ),
         "teleport": Verb(
             "teleport states",
             "states",

@@ -184,10 +184,12 @@ def test_the_machinery_of_networks_knows_no_topology_by_name() -> None:
 
 
 SERVICES = "hosts/middleware/services"
-AROUND = [f"applications/{name}" for name in ("conference", "key_distribution", "qkd", "sensing")]
+ROOMS = "conference", "graph_states", "key_distribution", "qkd", "sensing"
+AROUND = [f"applications/{name}" for name in ROOMS]
 # What carries out what protocols order; whatever else a service has is a protocol.
 CARRIERS = {
     "applications/conference/conference.py",
+    "applications/graph_states/ends.py",
     "applications/key_distribution/key_handout.py",
     "applications/key_distribution/session.py",
     "applications/qkd/keyring.py",

@@ -28,7 +28,6 @@ class Service(IntEnum):
     SDC_RETURN = 9  # superdense coding back to the opener of a session of it, with its light
     SEAL = 10  # pairs that watch a fibre
     GHZ = 11  # states of several hosts: this is between two neighbours of their line
-    GRAPH = 16  # graph states of several hosts: this is between two neighbours of their line
     SWITCH_SWAP = 17  # swapping by a switch's Bell analyser, to which both ends send halves
     members = vars()
     for registered in registered_services():

@@ -142,17 +142,6 @@ class GhzFigures(LineFigures):
     coherence: float | None
 
 
-class GraphFigures(LineFigures):
-    """Of graph states, at their leader; either the fidelity, or a bound of it."""
-
-    fidelity: float | None = None
-    fidelity_at_least: float | None = None
-    fidelity_error: float | None  # standard error
-    passed: list[float] | None = None  # of each colour
-    edges: int
-    pairs_per_state: int
-
-
 class SealFigures(Figures):
     """Of a tamper seal, at its opener."""
 

@@ -9,7 +9,6 @@ from wire.results.figures import (
     Figures,
     FollowerFigures,
     GhzFigures,
-    GraphFigures,
     LineFigures,
     PairFigures,
     ReceiverFigures,
@@ -31,7 +30,6 @@ else:
         | LineFigures
         | FollowerFigures
         | GhzFigures
-        | GraphFigures
         | SealFigures
         | SealedFigures
         | SentFigures

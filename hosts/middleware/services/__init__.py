@@ -9,8 +9,6 @@ from hosts.middleware.services.distribution import distribute
 from hosts.middleware.services.ghz import connections
 from hosts.middleware.services.ghz import protocol as ghz
 from hosts.middleware.services.ghz.options import GhzOptions
-from hosts.middleware.services.graph_states import protocol as graph_states
-from hosts.middleware.services.graph_states.options import GraphOptions
 from hosts.middleware.services.sealing import seal
 from hosts.middleware.services.superdense import superdense
 from hosts.middleware.services.swapping import swap
@@ -27,9 +25,6 @@ KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
             superdense.RETURN_KIND,
             distribute.KIND,
             connections.line(Service.GHZ, GhzOptions, ghz.Leader, ghz.Follower),
-            connections.line(
-                Service.GRAPH, GraphOptions, graph_states.Leader, graph_states.Follower
-            ),
             seal.KIND,
             swap.KIND,
             switch_swap.KIND,

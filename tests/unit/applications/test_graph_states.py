@@ -9,14 +9,9 @@ import pytest
 import stim
 from line_scene import LINE, MEMORIES, five_t2_late, summaries
 
-from hosts.middleware.services.graph_states.graph import (
-    Graph,
-    graph_of_numbers,
-    numbers_of_graph,
-    read_graph,
-)
-from hosts.middleware.services.graph_states.options import GraphOptions
-from hosts.middleware.services.graph_states.witness import Colours, Stabilisers
+from applications.graph_states.graph import Graph, graph_of_numbers, numbers_of_graph, read_graph
+from applications.graph_states.options import GraphOptions
+from applications.graph_states.witness import Colours, Stabilisers
 from hosts.middleware.session.errors import SessionError
 from wire.parameters.physics import Detectors, Device, Memory
 

@@ -17,14 +17,15 @@ from typing import Any
 
 import numpy as np
 
+from applications.graph_states.fusion import Fusion, combined, lit
+from applications.graph_states.graph import graph_of_numbers, numbers_of_graph
+from applications.graph_states.options import COLOURS, GraphOptions
+from applications.graph_states.service import GraphFigures
+from applications.graph_states.witness import Colours, Stabilisers
 from hosts.hardware.operations import BlockName
 from hosts.hardware.replies import Symbols
 from hosts.middleware.services.ghz import protocol
 from hosts.middleware.services.ghz.line import Table
-from hosts.middleware.services.graph_states.fusion import Fusion, combined, lit
-from hosts.middleware.services.graph_states.graph import graph_of_numbers, numbers_of_graph
-from hosts.middleware.services.graph_states.options import COLOURS, GraphOptions
-from hosts.middleware.services.graph_states.witness import Colours, Stabilisers
 from hosts.middleware.session.blocks import LOST
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Steps, coming, hear
@@ -32,7 +33,6 @@ from hosts.middleware.session.values import numbers_of
 from hosts.timeouts import BITS_TIMEOUT_S
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import Reason
-from wire.results.figures import GraphFigures
 
 
 @dataclass
