@@ -40,12 +40,6 @@ OWN: Mapping[str, Mapping[str, str]] = MappingProxyType(
         },
         "look at a network, or at a run": {
             "enter": "a shell, or a command, inside a network that runs",
-            "devices": "show the state of all devices",
-            "paths": "show light paths and fibres",
-            "keys": "show key links and relays",
-            "spy": "show what happens to the qubits",
-            "wireshark": "look at a run in Wireshark",
-            "runs": "list, compare, prune and give away runs",
         },
         "change a running network": {
             "send": "send a text as light",

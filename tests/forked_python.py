@@ -27,11 +27,11 @@ MODULES = (
     "dispatcher.replay",
     "dispatcher.sabot.__main__",
     "hosts.applications.intercept",
-    "qmn.running.event_sources",
+    "views.events.event_sources",
     "qmn.verbs.replay",
-    "qmn.verbs.runs",
+    "views.verbs.runs",
     "applications.circuits.verb",
-    "qmn.verbs.spy",
+    "views.verbs.spy",
 )
 REQUEST_BYTES = 1 << 20
 FILES = 3  # standard input, output and error

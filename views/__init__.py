@@ -2,6 +2,12 @@
 
 VERBS = {
     "look at a network, or at a run": {
+        "devices": ("views.verbs.devices", "show the state of all devices"),
+        "paths": ("views.verbs.paths", "show light paths and fibres"),
+        "keys": ("views.verbs.keys", "show key links and relays"),
+        "spy": ("views.verbs.spy", "show what happens to the qubits"),
+        "wireshark": ("views.verbs.wireshark", "look at a run in Wireshark"),
+        "runs": ("views.verbs.runs", "list, compare, prune and give away runs"),
         "live": ("views.verbs.live", "see it in the browser"),
         "report": ("views.verbs.report", "rebuild the report of a run"),
     },

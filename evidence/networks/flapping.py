@@ -23,10 +23,10 @@ from evidence.curves.estimates import Estimate, mean_of_series, proportion
 from evidence.curves.experiment import Experiment, Measure, Outcome, number
 from evidence.curves.parameters import Parameter, Values
 from evidence.networks.point_network import CONTROLLER_DELAY, delay, network_for, session
-from qmn.running.event_sources import recorded
 from qmn.scripting.network import QuantumNetwork
 from topologies.networks.network import Signals
 from topologies.system.runs.runtime import EVENT_CAPTURE
+from views.events.event_sources import recorded
 from wire.dispatcher_pb2 import Event
 from wire.parameters.fiber import Fiber, FiberEnd
 

@@ -9,8 +9,8 @@ from qmn.results.fiber_use import fiber_use, shares, span_of
 from qmn.results.result import print_rows, rows_of_every_run
 from qmn.results.run_result import RunResult
 from qmn.results.service_result import number_text, rows
-from qmn.running.event_sources import recorded
 from topologies.system.runs.runtime import EVENT_CAPTURE
+from views.events.event_sources import recorded
 from wire.results.figures import LoadFigures
 from wire.results.run_result import Load, LoadJob
 

@@ -6,13 +6,13 @@ from subprocess import DEVNULL, check_output
 
 from evidence.labs.lab import Finding, Lab, Runs, exactly
 from qmn.results.timeline import TIMELINE
-from qmn.verbs.wireshark import installed_dissectors
 from views.report.handshake_diagram import handshake_diagram
 from views.report.markup import STYLE, figure
 from views.report.packets import flights
 from views.report.run_facts import RunFacts, read_run
 from views.report.sequence import Step, handshake, lanes
 from views.report.streams import segments
+from views.verbs.wireshark import installed_dissectors
 from wire.dispatcher_pb2 import Event
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Handshake

@@ -11,9 +11,9 @@ from campus import Campus
 from evidence.networks.flapping import dark_spans
 from evidence.networks.point_network import session
 from qmn.results.run_folder import make_folder
-from qmn.running.event_sources import recorded
 from qmn.scripting import QuantumNetwork, start
 from topologies.system.runs.runtime import EVENT_CAPTURE
+from views.events.event_sources import recorded
 from wire.results.run_result import RESULT
 
 ENDS, WAY, SESSIONS = ("alice", "charlie"), ("source", "charlie"), 5

@@ -13,8 +13,8 @@ from limits import PROGRAM_S
 from loaded import run_qmn
 
 from evidence.traffic.erlang import erlang_b
-from qmn.running.event_sources import recorded
 from topologies.system.runs.runtime import EVENT_CAPTURE
+from views.events.event_sources import recorded
 
 SESSIONS, FIBERS = 70, 2
 SIDES = [",".join(f"{side}{n}" for n in range(1, 7)) for side in "ab"]

@@ -15,8 +15,8 @@ from pathlib import Path
 from page import browser, opened, processors_s
 from playwright.sync_api import Browser, Page
 
-from qmn.running.event_sources import recorded
 from topologies.system.runs.runtime import EVENT_CAPTURE
+from views.events.event_sources import recorded
 
 ROOT = Path(__file__).resolve().parents[2]
 QMN = str(ROOT / "bin" / "qmn")

@@ -277,7 +277,7 @@ NOT_WAITS = {
     "evidence/curves/memories.py": {"ATTEMPT_S", "MAX_S"},
     "evidence/curves/packets.py": {"ROUNDING_S"},
     "evidence/curves/photons.py": {"TURNS_S"},
-    "qmn/verbs/runs.py": {"FRESH_S", "UNITS_S"},
+    "views/verbs/runs.py": {"FRESH_S", "UNITS_S"},
     "topologies/links/copper_link.py": {"LEAST_DELAY_S"},
     "wire/lldp.py": {"PERIOD_S", "LONGEST_PERIOD_S"},
     "wire/device.py": {"PERIODS_S"},

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from qmn.running.event_sources import recorded
 from topologies.system.runs.runtime import EVENT_CAPTURE
+from views.events.event_sources import recorded
 from views.report.packets import messages
 from views.report.sequence import handshake, lanes
 from wire.metadata.setup import Setup

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from qmn.running.controller_console import NoAnswer, ask
-from qmn.running.event_sources import gathered, recorded
-from qmn.running.key_links import key_links
 from qmn.timeouts import LIVE_DEVICES_S, LIVE_LINES_S, LIVE_PAUSE_MS
 from topologies.system.processes.programs import NetworkError
 from topologies.system.runs.runtime import EVENT_CAPTURE
+from views.events.event_sources import gathered, recorded
+from views.key_links import key_links
 from views.live.acts import ACTS
 from views.live.timeline import Timeline
 from views.report.run_facts import SENDER_LOG

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from qmn.results.run_result import NetworkResult, RunResult
 from qmn.results.schema import of_either_kind, read_left
-from qmn.running.event_sources import recorded
 from qmn.running.network import left_of_killed
 from topologies.system.runs.runtime import EVENT_CAPTURE
+from views.events.event_sources import recorded
 from wire import typed_json
 from wire.controller_lines import read_record
 from wire.dispatcher_pb2 import Event

@@ -13,8 +13,8 @@ from limits import SOON_S
 from qmn.changes.controller import set_host
 from qmn.running import controller_console, light_paths, tables
 from qmn.running.controller_console import NoAnswer, ask
-from qmn.verbs import devices
 from topologies.system.processes.owners import this_process
+from views.verbs import devices
 
 SWITCH = {
     "name": "q1",

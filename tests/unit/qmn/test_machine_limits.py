@@ -42,7 +42,7 @@ def test_a_verb_that_meets_one_ends_in_one_line(tmp_path: Path) -> None:
     code = f"""
 import errno, sys
 from qmn import __main__
-from qmn.verbs import runs
+from views.verbs import runs
 def full(_arguments):
     raise OSError(errno.EROFS, "Read-only file system", "{tmp_path}")
 runs.call = full

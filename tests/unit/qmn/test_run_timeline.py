@@ -17,9 +17,9 @@ from qmn.results.timeline import (
     merge,
     timeline_of_run,
 )
-from qmn.running.event_sources import recorded
-from qmn.verbs.wireshark import prepare
 from topologies.system.runs.runtime import EVENT_CAPTURE
+from views.events.event_sources import recorded
+from views.verbs.wireshark import prepare
 from wire.config import Fiber, FiberEnd
 from wire.dispatcher_pb2 import Event
 from wire.events import decode_record

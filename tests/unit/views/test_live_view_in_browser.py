@@ -15,7 +15,7 @@ from live_view_scene import said as said
 from playwright.sync_api import Browser, expect
 from recorded_run import NETWORK, START_NS, record_run
 
-from qmn.running.key_links import KeyLink
+from views.key_links import KeyLink
 from views.live import acts, pace
 from views.live.layout import described
 from views.live.server import View

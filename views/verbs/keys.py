@@ -6,8 +6,8 @@ from typing import Any
 
 from qmn.needs import Needs
 from qmn.running.controller_console import answered, ask, wide_console
-from qmn.running.key_links import KeyLink, key_links
 from qmn.running.tables import table
+from views.key_links import KeyLink, key_links
 
 LINKS = ("key link", "", "", "keys ready", "of the other end", "bits/s", "QBER", "state")
 APPLICATIONS = ("application", "with", "by way of")

@@ -13,15 +13,15 @@ from runs_scene import runs as runs
 
 from qmn.__main__ import described
 from qmn.results import schema
-from qmn.run_archive import index as run_index
-from qmn.run_archive.comparison import figures as compare_figures
-from qmn.run_archive.comparison import parameters as compare_parameters
-from qmn.run_archive.index import INDEX, Run, runs_in
-from qmn.verbs import runs as verb
 from topologies.system.namespaces import keeper
 from topologies.system.processes.owners import namespace, owner
+from views.archive import index as run_index
+from views.archive.comparison import figures as compare_figures
+from views.archive.comparison import parameters as compare_parameters
+from views.archive.index import INDEX, Run, runs_in
 from views.live.layout import described as described_network
 from views.report.run_facts import BadRun, read_result
+from views.verbs import runs as verb
 from views.verbs.live import shown
 from wire.malformed import MalformedPacket
 from wire.results.run_result import BEGUN

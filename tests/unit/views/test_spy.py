@@ -18,9 +18,9 @@ from limits import SOON_S
 
 from hosts.quantum_socket import STACK_VARIABLE
 from qmn.running import network as running
-from qmn.verbs import spy
 from topologies.system.processes.owners import owner
 from topologies.system.runs.runtime import EVENT_CAPTURE
+from views.verbs import spy
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import (
     BlockId,
@@ -40,7 +40,7 @@ import sys
 from pathlib import Path
 from qmn import __main__
 from qmn.running import network as running
-from qmn.verbs import spy
+from views.verbs import spy
 from topologies.system import namespaces
 root = Path(sys.argv.pop(1))
 find = running.dispatcher_of_running_network

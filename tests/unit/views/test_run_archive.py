@@ -13,8 +13,8 @@ import pytest
 from runs_scene import OLD, called
 from runs_scene import runs as runs
 
-from qmn.run_archive.archive import BadArchive, imported
-from qmn.run_archive.index import runs_in
+from views.archive.archive import BadArchive, imported
+from views.archive.index import runs_in
 
 
 def test_a_run_travels_as_one_file(runs: Path, tmp_path: Path) -> None:
@@ -115,7 +115,7 @@ def test_an_archive_that_unpacks_to_over_a_hundred_times_its_size_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Deflate writes zeros in a thousandth of their size (RFC 1951: 258 bytes in 2 bits)."""
-    monkeypatch.setattr("qmn.run_archive.archive.FREE_BYTES", 1 << 20)
+    monkeypatch.setattr("views.archive.archive.FREE_BYTES", 1 << 20)
     file = tmp_path / "bomb.zip"
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(f"{OLD}/result.json", "{}")

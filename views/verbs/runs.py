@@ -22,14 +22,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from qmn.run_archive import comparison as run_comparison
-from qmn.run_archive.archive import BadArchive, exported, imported
-from qmn.run_archive.index import BEGAN, Run, runs_in
-from qmn.run_archive.named_run import RUNS, UnknownRun, find_run
-from qmn.run_archive.shared_copy import CannotShare, share
+from qmn.results.named_run import RUNS, UnknownRun, find_run
 from qmn.running.controller_console import wide_console
 from qmn.running.network import announced_folders
 from qmn.running.tables import counted, table
+from views.archive import comparison as run_comparison
+from views.archive.archive import BadArchive, exported, imported
+from views.archive.index import BEGAN, Run, runs_in
+from views.archive.shared_copy import CannotShare, share
 from wire.malformed import MalformedPacket
 
 UNITS_S = {"h": 3600, "d": 86_400, "w": 604_800}

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from dispatcher.layer.history import EventCapture
-from qmn.verbs import wireshark
 from topologies.system.runs.runtime import EVENT_CAPTURE
+from views.verbs import wireshark
 from wire.dispatcher_pb2 import Event
 
 EVENT = Event(time_ns=1_700_000_000_000_000_000, node="alice", kind="create")

@@ -10,9 +10,9 @@ from typing import TypeVar
 import grpc
 
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError, StackEnded
-from qmn.running.unread_events import Unread
 from qmn.timeouts import WATCH_POLL_S, WATCH_TIMEOUT_S
 from topologies.system.processes.programs import NetworkError
+from views.events.unread_events import Unread
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import Event, WatchRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
