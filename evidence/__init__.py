@@ -1,6 +1,9 @@
 """Experiments around the core; VERBS has the verb by heading, with its module and help."""
 
 VERBS = {
+    "use the simulator alone": {
+        "replay": ("evidence.replay.verb", "do again what a run's dispatcher did, and compare"),
+    },
     "make experiments": {
         "lab": ("evidence.verb", "demos, published results, curves, sweeps, attacks, benchmarks"),
     },

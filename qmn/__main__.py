@@ -45,9 +45,7 @@ OWN: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "send": "send a text as light",
             "set": "links, fibres, faults, eavesdroppers, settings, policy",
         },
-        "use the simulator alone": {
-            "replay": "do again what a run's dispatcher did, and compare",
-        },
+        "use the simulator alone": {},
         "look after this machine": {
             "doctor": "check this machine",
         },

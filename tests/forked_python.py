@@ -24,11 +24,11 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 MODULES = (
     "dispatcher.__main__",
-    "dispatcher.replay",
+    "evidence.replay.replay",
     "dispatcher.sabot.__main__",
     "hosts.applications.intercept",
     "views.events.event_sources",
-    "qmn.verbs.replay",
+    "evidence.replay.verb",
     "views.verbs.runs",
     "applications.circuits.verb",
     "views.verbs.spy",

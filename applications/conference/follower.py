@@ -21,6 +21,7 @@ from applications.qkd.amplification import seed_bits
 from applications.qkd.authentication import TAG_BYTES
 from applications.qkd.bits import Bits
 from applications.qkd.conference import TEST_Z, Member
+from applications.timeouts import KEYS_TIMEOUT_S
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
 from hosts.middleware.services.ghz import line
@@ -29,7 +30,7 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.estimation import Estimate
 from hosts.middleware.session.protocol import Say, Steps, Work, do, hear
 from hosts.middleware.session.values import MAX_WORD, Numbers, expect
-from hosts.timeouts import BITS_TIMEOUT_S, KEYS_TIMEOUT_S, REPORT_TIMEOUT_S
+from hosts.timeouts import BITS_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.conference import ConferenceProposal
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import Reason

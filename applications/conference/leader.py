@@ -24,11 +24,12 @@ from applications.qkd.authentication import HASH_KEY_BYTES, TAG_BYTES
 from applications.qkd.bits import Bits, unpack
 from applications.qkd.conference import KEY, TEST_X, TEST_Z
 from applications.qkd.key_store import KEY_BITS
+from applications.timeouts import KEYS_TIMEOUT_S
 from hosts.hardware.qnic import Qnic
 from hosts.middleware.services.ghz import line
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Now, Steps, Tell, Work, do
-from hosts.timeouts import BITS_TIMEOUT_S, KEYS_TIMEOUT_S
+from hosts.timeouts import BITS_TIMEOUT_S
 from wire.conference import ConferenceProposal
 from wire.metadata.values import Topic
 from wire.metadata.vocabulary import Reason

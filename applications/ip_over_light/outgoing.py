@@ -20,9 +20,9 @@ from typing import Any
 from applications.ip_over_light.format import PACKETS_PORT, RETURNED_PACKETS_PORT, Neighbor
 from applications.ip_over_light.lost_packet import Packet, Unreachable
 from applications.ip_over_light.refusals import PASSING, code
+from applications.timeouts import HOLDOFF_S, LIGHT_RETRY_S, YIELD_S
 from hosts.quantum_socket import QuantumSocket
 from hosts.stack_socket import QuantumSocketError, StackEnded
-from hosts.timeouts import HOLDOFF_S, LIGHT_RETRY_S, YIELD_S
 from wire.metadata.vocabulary import Service
 
 log = logging.getLogger("q0")

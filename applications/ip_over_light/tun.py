@@ -7,7 +7,7 @@ import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
-from hosts.timeouts import COMMAND_TIMEOUT_S
+from applications.timeouts import COMMAND_TIMEOUT_S
 
 DEVICE = Path("/dev/net/tun")
 TUNSETIFF = 0x400454CA  # linux/if_tun.h

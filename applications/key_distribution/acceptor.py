@@ -18,6 +18,7 @@ from applications.qkd.bob import Bob
 from applications.qkd.end import State
 from applications.qkd.parameters import Parameters
 from applications.qkd.sifting import Announced, Clicks, Record
+from applications.timeouts import KEYS_TIMEOUT_S
 from hosts.hardware.replies import Symbols
 from hosts.middleware.services.measured_light import measured, measuring, random_bases
 from hosts.middleware.session.errors import SessionError
@@ -33,7 +34,6 @@ from hosts.middleware.session.protocol import (
     WaitUntil,
 )
 from hosts.middleware.session.values import expect
-from hosts.timeouts import KEYS_TIMEOUT_S
 from wire.keyed import KEY_BYTES, KeyedChoices
 from wire.metadata.blocks import Finish
 from wire.metadata.header import Message

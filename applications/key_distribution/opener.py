@@ -13,6 +13,7 @@ from applications.key_distribution.under_way import MAX_UNDER_WAY, KeysUnderWay,
 from applications.qkd.alice import Alice
 from applications.qkd.bob import Bob
 from applications.qkd.sifting import Known
+from applications.timeouts import KEYS_TIMEOUT_S
 from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.protocol import (
     Concurrently,
@@ -25,7 +26,6 @@ from hosts.middleware.session.protocol import (
     Wait,
     WaitUntil,
 )
-from hosts.timeouts import KEYS_TIMEOUT_S
 from wire.metadata.header import Message
 from wire.metadata.setup import Answer
 from wire.metadata.values import Envelope, Topic

@@ -66,10 +66,10 @@ from applications.qkd.key_files import KeyStoreError
 from applications.qkd.key_store import StoreFull
 from applications.qkd.keyring import Keyring, NothingShared, keyring_of
 from applications.qkd.parameters import Parameters
+from applications.timeouts import CAPACITY_LOOK_S, CAPACITY_TIMEOUT_S
 from hosts.middleware.session.ends import AcceptorEnd, End, OpenerEnd, ServiceKind
 from hosts.middleware.session.errors import SessionError
 from hosts.network_loop import now_s
-from hosts.timeouts import CAPACITY_LOOK_S, CAPACITY_TIMEOUT_S
 from wire.metadata.vocabulary import Reason, Service
 
 

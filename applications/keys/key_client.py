@@ -16,7 +16,7 @@ from applications.keys.key_delivery import (
     encode_key_ids,
     encode_request,
 )
-from hosts.timeouts import KEY_MANAGER_TIMEOUT_S
+from applications.timeouts import KEY_MANAGER_TIMEOUT_S
 from wire.malformed import MalformedPacket
 
 OK = 200

@@ -13,7 +13,7 @@ from uuid import UUID
 from applications.keys.key_delivery import DeliveredKey
 from applications.keys.refusals import NOT_FOUND, bad_request, unauthorized, unavailable
 from applications.qkd.key_files import KeyStoreError, sync_folder
-from hosts.timeouts import FETCH_TIMEOUT_S
+from applications.timeouts import FETCH_TIMEOUT_S
 
 UNFINISHED = ".new"
 MOST_WAITING = 4096  # keys for one application

@@ -15,7 +15,8 @@ from applications.keys.key_assignment import ASSIGNMENT_PATH, MAX_ASSIGNMENT, As
 from applications.keys.key_relay import RELAY_PATH
 from applications.keys.other_managers import named, serving
 from applications.keys.refusals import BAD_REQUEST, UNAUTHORIZED, Refused, unauthorized
-from hosts.timeouts import ANSWER_TIMEOUT_S, CLIENT_IDLE_S
+from applications.timeouts import CLIENT_IDLE_S
+from hosts.timeouts import ANSWER_TIMEOUT_S
 from programs.connection_shares import SharedListener
 from wire.key_manager import KeyManagerConfig
 from wire.malformed import MalformedPacket

@@ -17,7 +17,7 @@ from applications.netqasm.round_end import SOCKET, RoundEnd
 from applications.netqasm.rounds import simulate_application
 from applications.netqasm.text_format import NAME_BYTES
 from applications.netqasm.texts import BroadcastChannel, Exchange, Socket
-from hosts.timeouts import ROUND_TIMEOUT_S
+from applications.timeouts import ROUND_TIMEOUT_S
 
 NAME, SIM_STATES = "netqasm.sdk.external", "netqasm.sdk.toolbox.sim_states"
 

@@ -8,7 +8,7 @@ from contextlib import suppress
 
 from applications.netqasm.texts import Socket
 from applications.processing_unit.processing_socket import ProcessingSocket
-from hosts.timeouts import ROUND_TIMEOUT_S
+from applications.timeouts import ROUND_TIMEOUT_S
 
 SOCKET = -1  # programs number theirs from 0
 

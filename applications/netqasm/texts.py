@@ -29,7 +29,7 @@ from applications.netqasm.text_format import (
     encode_text,
     take_text,
 )
-from hosts.timeouts import GREETING_TIMEOUT_S, JOIN_TIMEOUT_S, TEXT_PAUSE_S, TEXT_TIMEOUT_S
+from applications.timeouts import GREETING_TIMEOUT_S, JOIN_TIMEOUT_S, TEXT_PAUSE_S, TEXT_TIMEOUT_S
 from programs.connection_shares import NO_FILES
 from programs.process_time import ready
 from wire.malformed import MalformedPacket

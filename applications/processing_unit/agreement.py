@@ -11,13 +11,9 @@ from applications.processing_unit.pair_requests import (
     decode_answer,
     decode_made,
 )
+from applications.timeouts import WANTED_TIMEOUT_S
 from hosts.middleware.session.errors import SessionError
-from hosts.timeouts import (
-    ANSWER_TIMEOUT_S,
-    CONNECT_TIMEOUT_S,
-    REPORT_TIMEOUT_S,
-    WANTED_TIMEOUT_S,
-)
+from hosts.timeouts import ANSWER_TIMEOUT_S, CONNECT_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.malformed import MalformedPacket
 from wire.metadata.vocabulary import Reason
 

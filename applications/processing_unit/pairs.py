@@ -32,6 +32,7 @@ from applications.processing_unit.pair_requests import (
     decode_request,
 )
 from applications.processing_unit.qubits import Qubits
+from applications.timeouts import FREE_TIMEOUT_S, WANTED_TIMEOUT_S
 from hosts.hardware.operations import BlockName, Kind, Operation
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import HardwareError
@@ -41,12 +42,7 @@ from hosts.middleware.session.ends import Answerer
 from hosts.middleware.session.errors import SessionError
 from hosts.network_loop import now_s, retry_pause
 from hosts.serving.processing import Sessions
-from hosts.timeouts import (
-    ANSWER_TIMEOUT_S,
-    FREE_TIMEOUT_S,
-    MAX_BLOCK_S,
-    WANTED_TIMEOUT_S,
-)
+from hosts.timeouts import ANSWER_TIMEOUT_S, MAX_BLOCK_S
 from wire.config import HostConfig
 from wire.malformed import MalformedPacket
 from wire.metadata.vocabulary import Reason

@@ -14,7 +14,7 @@ from pathlib import Path
 from urllib.error import URLError
 from urllib.request import urlopen
 
-from hosts.timeouts import DOWNLOAD_TELL_S, DOWNLOAD_TIMEOUT_S
+from applications.timeouts import DOWNLOAD_TELL_S, DOWNLOAD_TIMEOUT_S
 from programs.faults import report_fault
 from wire.network_time import NetworkTime
 

@@ -30,12 +30,17 @@ from uuid import UUID
 from applications.ip_over_light.tun import TunError
 from applications.keys.key_client import KeyClient, NoKey
 from applications.keys.key_delivery import KeyRequest, decode_key_ids, encode_key_ids
+from applications.timeouts import (
+    NEXT_KEY_PAUSE_S,
+    TUNNEL_HANDSHAKE_S,
+    TUNNEL_POLL_S,
+    TUNNEL_TIMEOUT_S,
+)
 from applications.vpn.format import AGREEMENT_PORT, STRONGSWAN, TLS, VpnConfig
 from applications.vpn.strongswan import StrongSwan
 from applications.vpn.tls import Tls
 from applications.vpn.tunnel_commands import Tunnel, TunnelError
 from applications.vpn.wireguard import WireGuard
-from hosts.timeouts import NEXT_KEY_PAUSE_S, TUNNEL_HANDSHAKE_S, TUNNEL_POLL_S, TUNNEL_TIMEOUT_S
 from programs.faults import report_fault
 from wire.config import BadConfig
 from wire.malformed import MalformedPacket

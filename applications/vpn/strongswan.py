@@ -25,8 +25,8 @@ from vici.exception import (
     SessionException,
 )
 
+from applications.timeouts import COMMAND_TIMEOUT_S, INITIATE_PAUSE_S
 from applications.vpn.tunnel_commands import TunnelError, command, wait_until_it_works
-from hosts.timeouts import COMMAND_TIMEOUT_S, INITIATE_PAUSE_S
 
 INTERFACE = "ipsec0"  # which kernel-libipsec makes
 NAMES, CHILD = ("qmn-0", "qmn-1"), "inside"

@@ -19,7 +19,7 @@ from uuid import UUID
 
 from applications.ip_over_light.ip_packet import decode
 from applications.ip_over_light.tun import Tun
-from hosts.timeouts import COMMAND_TIMEOUT_S, TLS_KEY_S
+from applications.timeouts import COMMAND_TIMEOUT_S, TLS_KEY_S
 from wire.malformed import MalformedPacket
 
 PORT = 5443

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol, TypeVar
 from uuid import UUID
 
-from hosts.timeouts import COMMAND_TIMEOUT_S, TUNNEL_POLL_S, TUNNEL_TIMEOUT_S
+from applications.timeouts import COMMAND_TIMEOUT_S, TUNNEL_POLL_S, TUNNEL_TIMEOUT_S
 
 Answer = TypeVar("Answer")
 

@@ -9,8 +9,8 @@ import base64
 from dataclasses import dataclass
 from uuid import UUID
 
+from applications.timeouts import KEEPALIVE_S
 from applications.vpn.tunnel_commands import TunnelError, command, wait_until_it_works
-from hosts.timeouts import KEEPALIVE_S
 
 PORT = 51_820
 MTU = 1420

@@ -28,12 +28,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from applications.qkd.key_length import asymptotic_fraction
-from dispatcher.laboratory import Laboratory
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.registers import Mask
 from evidence.attacks.photons import SEED, Spied
 from evidence.curves.bb84 import TO_EVE
 from evidence.curves.link import configuration, fiber
+from evidence.laboratory import Laboratory
 from wire.outcomes import NO_CLICK
 
 Powers = NDArray[np.float64]

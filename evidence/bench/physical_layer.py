@@ -15,9 +15,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dispatcher.laboratory import SESSION, Laboratory
 from dispatcher.layer.ownership import BlockName
 from dispatcher.sabot.backend import Bytes
+from evidence.laboratory import SESSION, Laboratory
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.parameters.fiber import FiberOptics
 from wire.parameters.physics import BellAnalyser, Detectors, Device, PairSource

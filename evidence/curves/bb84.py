@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 
 from applications.qkd.decoy import SHARES, Decoys, Sifted, bounds
 from applications.qkd.key_length import asymptotic_fraction, binary_entropy
-from dispatcher.laboratory import Laboratory, LaboratoryHost
 from dispatcher.sabot.backend import Bytes
 from evidence.curves import theory
 from evidence.curves.estimates import Estimate, of_counts, proportion
 from evidence.curves.experiment import Outcome
 from evidence.curves.link import TESTED, Way, blocks, fiber, network
 from evidence.curves.parameters import Point
+from evidence.laboratory import Laboratory, LaboratoryHost
 from hosts.middleware.services.interception import attacks
 from wire.outcomes import NO_CLICK
 from wire.parameters.fiber import Fiber

@@ -8,7 +8,6 @@ import math
 
 import numpy as np
 
-from dispatcher.laboratory import Laboratory, LaboratoryHost
 from evidence.curves import theory
 from evidence.curves.estimates import Estimate, proportion
 from evidence.curves.experiment import Outcome
@@ -27,6 +26,7 @@ from evidence.curves.link import (
 )
 from evidence.curves.parameters import Point
 from evidence.curves.superdense import transmit
+from evidence.laboratory import Laboratory, LaboratoryHost
 from wire.dispatcher_pb2 import CreateRequest, Gate
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import BellAnalyser, Device, Gates, Memory, PairSource

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from applications.qkd.bell_test import LOCAL, Correlations
 from applications.qkd.key_length import asymptotic_fraction
-from dispatcher.laboratory import Laboratory
 from dispatcher.sabot.backend import Bytes
 from evidence.curves import theory
 from evidence.curves.bb84 import (
@@ -32,6 +31,7 @@ from evidence.curves.experiment import Outcome
 from evidence.curves.link import blocks, fiber, network, share
 from evidence.curves.parameters import Point
 from evidence.curves.wald import pairs_to_alarm
+from evidence.laboratory import Laboratory
 from hosts.hardware.qnic import LEFT_ALONE
 from hosts.middleware.services.sealing.sequential_test import Question, SequentialTest, tapped_error
 from wire.outcomes import NO_CLICK, PAULI_BASES

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from dispatcher.laboratory import BlockKey, Laboratory, LaboratoryHost
 from dispatcher.sabot.backend import Bytes
 from evidence.curves.estimates import Estimate, proportion
 from evidence.curves.parameters import Parameter, Values, of_dataclass
+from evidence.laboratory import BlockKey, Laboratory, LaboratoryHost
 from topologies.catalogue.presets import PRESETS
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import MeasureRequest

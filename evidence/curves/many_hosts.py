@@ -18,7 +18,6 @@ from applications.graph_states.graph import NAMED, Graph
 from applications.graph_states.witness import Stabilisers
 from applications.qkd.conference import asymptotic_rate
 from applications.sensing.fringe import QUARTER, Fringe, in_rad, in_steps
-from dispatcher.laboratory import BlockKey, LaboratoryHost, block_id
 from dispatcher.operations.emission import STATES
 from dispatcher.sabot.backend import Bytes
 from evidence.curves import theory
@@ -28,6 +27,7 @@ from evidence.curves.experiment import Outcome
 from evidence.curves.link import blocks, fiber, network, share
 from evidence.curves.mdi import DARK_COUNT, DETECTORS, EFFICIENCY
 from evidence.curves.parameters import Point
+from evidence.laboratory import BlockKey, LaboratoryHost, block_id
 from hosts.middleware.services.ghz.witness import Tally, chosen_bases
 from wire.dispatcher_pb2 import Gate, MeasureRequest
 from wire.outcomes import NO_CLICK

@@ -20,7 +20,6 @@ from applications.key_distribution.relayed import fitting
 from applications.qkd.decoy import SHARES, Decoys
 from applications.qkd.key_length import binary_entropy
 from applications.qkd.relayed_decoys import PairSifted, bounds
-from dispatcher.laboratory import SESSION, BlockKey, Laboratory, LaboratoryHost
 from dispatcher.layer.ownership import BlockName
 from evidence.curves import relay_theory, theory
 from evidence.curves.bb84 import GATE_S, LOSS_DB_PER_KM, decoys_of
@@ -28,6 +27,7 @@ from evidence.curves.estimates import Estimate, of_counts, proportion
 from evidence.curves.experiment import Outcome
 from evidence.curves.link import blocks, fiber, network
 from evidence.curves.parameters import Point
+from evidence.laboratory import SESSION, BlockKey, Laboratory, LaboratoryHost
 from wire.outcomes import NO_COINCIDENCE
 from wire.parameters.physics import BEAM_SPLITTER, BellAnalyser, Detectors, Device, PairSource
 

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from dispatcher.laboratory import RATE_HZ, Laboratory, outcomes
 from evidence.curves import theory
 from evidence.curves.estimates import Estimate, proportion
 from evidence.curves.experiment import Outcome
 from evidence.curves.link import TESTED, Ends, fiber, measured, network
 from evidence.curves.parameters import Point
+from evidence.laboratory import RATE_HZ, Laboratory, outcomes
 from hosts.middleware.services.distribution.fidelity import Estimate as Sampled
 from hosts.middleware.session.values import Lifetimes
 from wire.dispatcher_pb2 import Feedback, MeasureRequest

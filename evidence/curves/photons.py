@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.laboratory import RATE_HZ, Laboratory
 from dispatcher.sabot.backend import Bytes
 from evidence.curves import theory
 from evidence.curves.estimates import proportion, ratio
 from evidence.curves.experiment import Outcome
 from evidence.curves.link import TESTED, blocks, fiber, network, optics_of
 from evidence.curves.parameters import Point
+from evidence.laboratory import RATE_HZ, Laboratory
 from wire.dispatcher_pb2 import CreateRequest
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import Detectors, Device, Memory, PairSource

@@ -19,13 +19,13 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.laboratory import SESSION, Laboratory
 from dispatcher.refusal import Refusal
 from evidence.curves import theory
 from evidence.curves.estimates import Estimate, mean_of_draws, proportion
 from evidence.curves.experiment import Outcome
 from evidence.curves.link import BASES, Ends, fiber, fidelity, network, share
 from evidence.curves.parameters import Point
+from evidence.laboratory import SESSION, Laboratory
 from hosts.hardware.operations import BlockName
 from hosts.hardware.replies import Stored
 from hosts.hardware.simulated import SimulatedQnic

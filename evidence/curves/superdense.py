@@ -6,12 +6,12 @@ from typing import Self
 
 import numpy as np
 
-from dispatcher.laboratory import Laboratory
 from evidence.curves import coding_theory, theory
 from evidence.curves.estimates import information, mean, proportion, ratio
 from evidence.curves.experiment import Outcome
 from evidence.curves.link import PLAIN, TESTED, blocks, is_plain, link
 from evidence.curves.parameters import Point
+from evidence.laboratory import Laboratory
 from hosts.middleware.services.superdense.coding import (
     CODES,
     NAMES,

@@ -27,7 +27,7 @@ LANGUAGES = {
     "": "text",
 }
 PICTURES = {".png", ".svg"}
-MADE = {"docs/options.md": "qmn.reference"}  # pages that a module prints
+MADE = {"docs/options.md": "views.reference"}  # pages that a module prints
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:

@@ -10,9 +10,9 @@ from typing import Any
 
 from spoiling import spoil_fields
 
-from dispatcher.laboratory import RATE_HZ, Laboratory
 from dispatcher.refusal import Refusal
 from dispatcher.sabot.dense import TooLarge
+from evidence.laboratory import RATE_HZ, Laboratory
 from wire import dispatcher_pb2 as messages
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 

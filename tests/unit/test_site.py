@@ -16,7 +16,7 @@ import yaml
 from documentation import NAMES, ROOT
 
 CONFIGURATION = yaml.safe_load((ROOT / "mkdocs.yml").read_text())
-MADE = "docs/options.md"  # of the declarations, by qmn.reference
+MADE = "docs/options.md"  # of the declarations, by views.reference
 EVERY_PAGE = [*NAMES, "CHANGELOG.md"]
 THEME = ROOT / "setup" / "site" / "theme"
 

@@ -306,7 +306,12 @@ def test_each_process_has_its_waits_in_one_table() -> None:
 
 def test_every_verb_is_a_module_and_verbs_have_no_other() -> None:
     there = {name for name in modules() if re.match(r"\w+\.verbs\.(?!__init__)", name)}
-    around = {"applications.circuits.verb", "applications.netqasm.verb", "evidence.verb"}
+    around = {
+        "applications.circuits.verb",
+        "applications.netqasm.verb",
+        "evidence.replay.verb",
+        "evidence.verb",
+    }
     assert set(MODULES.values()) == there | around
 
 

@@ -15,8 +15,8 @@ from applications.keys.refusals import NOT_FOUND, Allowance, Refused, unavailabl
 from applications.keys.waiting import WaitingKeys
 from applications.qkd.key_files import KeyStoreError
 from applications.qkd.key_store import StoredKey
+from applications.timeouts import FETCH_TIMEOUT_S
 from hosts import network_loop
-from hosts.timeouts import FETCH_TIMEOUT_S
 from wire.key_manager import KEY_LINK_PORTS, KeyManagerConfig, manager_name
 
 HOSTS = {"alice": "10.0.0.1", "bob": "10.0.0.2", "carol": "10.0.0.3"}

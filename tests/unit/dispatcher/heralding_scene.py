@@ -11,22 +11,10 @@ import numpy as np
 import uvloop
 from numpy.typing import NDArray
 
-from dispatcher.devices.heralding import (
-    KINDS,
-    Arm,
-    Heralds,
-    phase_wrong,
-    single_click,
-    two_click,
-)
-from dispatcher.laboratory import Laboratory, LaboratoryHost
+from dispatcher.devices.heralding import KINDS, Arm, Heralds, phase_wrong, single_click, two_click
+from evidence.laboratory import Laboratory, LaboratoryHost
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
-from wire.parameters.physics import (
-    BellAnalyser,
-    Device,
-    Emitter,
-    Memory,
-)
+from wire.parameters.physics import BellAnalyser, Device, Emitter, Memory
 
 M_PER_S = 2.04e8  # of light in fibre, as docs/fibers.md has it
 STATION = Device(memory=Memory(capacity=0), analyser=BellAnalyser("linear"))

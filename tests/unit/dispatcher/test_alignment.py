@@ -15,9 +15,9 @@ from test_polarization import FAST, kept, matrix, quaternions
 from dispatcher.approximations import LOSS_OF_POLARISATION, MODE_DISPERSION
 from dispatcher.devices.heralding import Arm
 from dispatcher.fiber.turn import Turn, alignment, gathered, merged, of_paulis
-from dispatcher.laboratory import Laboratory
 from dispatcher.layer.ownership import BlockName
 from evidence.curves.link import configuration, fiber
+from evidence.laboratory import Laboratory
 from wire.dispatcher_pb2 import AttemptRequest
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import BellAnalyser, Detectors, Device, Emitter, PairSource

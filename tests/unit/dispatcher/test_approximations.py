@@ -26,9 +26,9 @@ from dispatcher.approximations import (
 )
 from dispatcher.devices.heralding import Arm, single_click
 from dispatcher.devices.source import emit
-from dispatcher.laboratory import Laboratory, block_id
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
+from evidence.laboratory import Laboratory, block_id
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import CreateRequest, Gate, StoreRequest
 from wire.parameters.physics import Device, Memory, PairSource

@@ -10,10 +10,10 @@ import pytest
 from five_sigma import within
 
 from dispatcher.devices.overlap import AMPLITUDES, outputs
-from dispatcher.laboratory import SESSION, Laboratory
 from dispatcher.layer.ownership import BlockName
 from evidence.curves.link import configuration, fiber
 from evidence.curves.relay_theory import clicks, diagonal, rectilinear
+from evidence.laboratory import SESSION, Laboratory
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import BellAnalyser, Detectors, Device, PairSource
 

@@ -17,8 +17,8 @@ from limits import SOON_S
 from dispatcher.approximations import CROSSTALK
 from dispatcher.fiber.channels import Traffic
 from dispatcher.fiber.noise import Pattern, Schedule
-from dispatcher.laboratory import RATE_HZ, SESSION, Laboratory
 from dispatcher.layer.ownership import BlockName
+from evidence.laboratory import RATE_HZ, SESSION, Laboratory
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.parameters.fiber import optics
 from wire.parameters.physics import Device, PairSource

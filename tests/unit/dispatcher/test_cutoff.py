@@ -8,8 +8,8 @@ import pytest
 import uvloop
 from five_sigma import within
 
-from dispatcher.laboratory import Laboratory, outcomes
 from dispatcher.refusal import Refusal
+from evidence.laboratory import Laboratory, outcomes
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import Feedback, MeasureRequest
 from wire.outcomes import NO_CLICK

@@ -12,10 +12,10 @@ import uvloop
 from five_sigma import within
 from numpy.typing import NDArray
 
-from dispatcher.laboratory import BlockKey, Laboratory, LaboratoryHost, block_id
 from dispatcher.layer.ownership import BlockName
 from dispatcher.operations.emission import STATES
 from dispatcher.sabot.backend import Bytes
+from evidence.laboratory import BlockKey, Laboratory, LaboratoryHost, block_id
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import Gate
 from wire.outcomes import NO_CLICK

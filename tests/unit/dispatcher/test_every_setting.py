@@ -14,8 +14,8 @@ import pytest
 import uvloop
 
 from dispatcher.fiber.noise import Effect, Passage
-from dispatcher.laboratory import START_NS, Laboratory
 from dispatcher.refusal import Refusal
+from evidence.laboratory import START_NS, Laboratory
 from wire.config import BadConfig, DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import CreateRequest, Feedback, Gate, MeasureRequest
 from wire.parameters.fiber import FiberOptics

@@ -9,7 +9,7 @@ import uvloop
 from five_sigma import within
 
 from dispatcher.devices.source import pair_probabilities
-from dispatcher.laboratory import Laboratory
+from evidence.laboratory import Laboratory
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import Gate, MeasureRequest
 from wire.outcomes import NO_CLICK

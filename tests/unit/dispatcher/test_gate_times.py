@@ -9,7 +9,7 @@ import pytest
 import uvloop
 from five_sigma import within
 
-from dispatcher.laboratory import Laboratory, block_id
+from evidence.laboratory import Laboratory, block_id
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import CreateRequest, Gate, MeasureRequest
 from wire.parameters.physics import BellAnalyser, Device, Gates, Memory

@@ -9,9 +9,9 @@ import uvloop
 from five_sigma import within
 from numpy.typing import NDArray
 
-from dispatcher.laboratory import Laboratory
 from dispatcher.refusal import Refusal
 from dispatcher.sabot.backend import Bytes
+from evidence.laboratory import Laboratory
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import CreateRequest, Gate, MeasureRequest
 from wire.outcomes import NO_CLICK

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from dispatcher.approximations import PHASE, UNLIKE_LIGHT, approximation
 from dispatcher.devices.decay import decay
-from dispatcher.laboratory import BlockKey, Laboratory, block_id
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.refusal import Refusal
 from dispatcher.sabot.dense import TooLarge
+from evidence.laboratory import BlockKey, Laboratory, block_id
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import CreateRequest, Gate
 from wire.outcomes import NO_CLICK

@@ -20,24 +20,13 @@ from heralding_scene import (
 )
 from limits import SOON_S
 
-from dispatcher.devices.heralding import (
-    KINDS,
-    Arm,
-    single_click,
-    two_click,
-)
-from dispatcher.laboratory import SESSION, Laboratory
+from dispatcher.devices.heralding import KINDS, Arm, single_click, two_click
 from dispatcher.layer.news_delays import NewsDelays
 from dispatcher.layer.ownership import BlockName
 from dispatcher.refusal import Refusal
+from evidence.laboratory import SESSION, Laboratory
 from wire.dispatcher_pb2 import DiscardRequest, MeasureRequest
-from wire.parameters.physics import (
-    BellAnalyser,
-    Detectors,
-    Device,
-    Emitter,
-    Memory,
-)
+from wire.parameters.physics import BellAnalyser, Detectors, Device, Emitter, Memory
 
 CASES = [
     (Arm(1.0), Arm(1.0), 0.0, 1.0),

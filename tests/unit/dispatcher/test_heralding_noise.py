@@ -25,18 +25,10 @@ from heralding_scene import (
 )
 
 from dispatcher.approximations import CLASSICAL_LIGHT, READY_STATION, STRAYED
-from dispatcher.devices.heralding import (
-    Arm,
-)
-from dispatcher.laboratory import Laboratory
+from dispatcher.devices.heralding import Arm
+from evidence.laboratory import Laboratory
 from wire.config import BadConfig, QuantumSwitch
-from wire.parameters.physics import (
-    BellAnalyser,
-    Detectors,
-    Device,
-    Emitter,
-    PairSource,
-)
+from wire.parameters.physics import BellAnalyser, Detectors, Device, Emitter, PairSource
 
 
 @pytest.mark.parametrize("scheme", list(SCHEMES))

@@ -25,12 +25,12 @@ from channels_of_qubits import (
 from five_sigma import within
 from numpy.typing import NDArray
 
-from dispatcher.laboratory import Laboratory
 from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.dense import Dense
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.kraus import MOST_OPERATORS, wrong_with
 from dispatcher.sabot.manager import Sabot
+from evidence.laboratory import Laboratory
 from wire.config import BadConfig, DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import CreateRequest, Gate
 from wire.outcomes import NO_CLICK

@@ -13,9 +13,9 @@ import pytest
 import uvloop
 from dispatcher_network import configuration
 
-from dispatcher.laboratory import SESSION, START_NS, Laboratory
 from dispatcher.layer.ownership import BlockName
 from dispatcher.refusal import Refusal
+from evidence.laboratory import SESSION, START_NS, Laboratory
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import BlockId, CreateRequest, StoreRequest
 from wire.parameters.physics import BellAnalyser, Device, Emitter, Memory

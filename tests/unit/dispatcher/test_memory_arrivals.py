@@ -9,7 +9,7 @@ from five_sigma import within
 from numpy.typing import NDArray
 
 from dispatcher.approximations import FREE_WAIT
-from dispatcher.laboratory import BlockKey, Laboratory
+from evidence.laboratory import BlockKey, Laboratory
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import MeasureRequest
 from wire.outcomes import NO_CLICK

@@ -8,7 +8,7 @@ import uvloop
 from five_sigma import within
 from numpy.typing import NDArray
 
-from dispatcher.laboratory import Laboratory
+from evidence.laboratory import Laboratory
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import Device, Memory, PairSource

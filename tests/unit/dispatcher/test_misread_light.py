@@ -4,7 +4,7 @@ import numpy as np
 import uvloop
 from five_sigma import within
 
-from dispatcher.laboratory import Laboratory
+from evidence.laboratory import Laboratory
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import Detectors, Device, Gates

@@ -11,7 +11,7 @@ import uvloop
 from five_sigma import within
 from numpy.typing import NDArray
 
-from dispatcher.laboratory import SESSION, Laboratory
+from evidence.laboratory import SESSION, Laboratory
 from dispatcher.layer.device_noise import TO_Z
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_pb2 import CreateRequest, Gate, MeasureRequest

@@ -7,9 +7,9 @@ import pytest
 import uvloop
 from five_sigma import within
 
-from dispatcher.laboratory import Laboratory, block_id
 from dispatcher.refusal import Refusal
 from dispatcher.sabot.dense import TooLarge
+from evidence.laboratory import Laboratory, block_id
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import CreateRequest, Gate, MeasureRequest
 from wire.parameters.physics import BadParameter, Detectors, Device, Gates, Sensor

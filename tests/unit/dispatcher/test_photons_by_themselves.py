@@ -21,8 +21,8 @@ from five_sigma import within
 
 from dispatcher.devices.hardware import Moment
 from dispatcher.fiber.noise import Effect, Passage
-from dispatcher.laboratory import RATE_HZ, Laboratory, LaboratoryHost
 from dispatcher.operations.adjustment import adjust
+from evidence.laboratory import RATE_HZ, Laboratory, LaboratoryHost
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import AdjustFiberRequest, Gate
 from wire.outcomes import NO_CLICK

@@ -10,9 +10,9 @@ from five_sigma import within
 from numpy.typing import NDArray
 
 from dispatcher.fiber.turn import SIGNS, TRANSPOSED, Turn, of_vectors, product
-from dispatcher.laboratory import Laboratory
 from dispatcher.layer.ownership import BlockName
 from dispatcher.refusal import Refusal
+from evidence.laboratory import Laboratory
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.parameters.physics import Detectors, Device, PairSource
 

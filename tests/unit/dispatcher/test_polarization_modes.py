@@ -10,8 +10,8 @@ from noise_cases import passage
 
 from dispatcher.approximations import MODE_DISPERSION
 from dispatcher.fiber.polarization_modes import PolarizationModeDispersion
-from dispatcher.laboratory import Laboratory
 from dispatcher.sabot.backend import Bytes
+from evidence.laboratory import Laboratory
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import Detectors, Device, PairSource

@@ -13,13 +13,13 @@ from five_sigma import within
 
 from dispatcher.build import build_layer
 from dispatcher.devices.source import emit, most_extra_pairs
-from dispatcher.laboratory import SESSION, JumpingClock, Laboratory, LaboratoryHost, block_id
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.emission import STATES
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import Refusal
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.draws import Draws
+from evidence.laboratory import SESSION, JumpingClock, Laboratory, LaboratoryHost, block_id
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import CreateRequest, Feedback, Gate, MeasureRequest
 from wire.outcomes import NO_CLICK

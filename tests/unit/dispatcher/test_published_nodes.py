@@ -14,8 +14,8 @@ import pytest
 import uvloop
 from numpy.typing import NDArray
 
-from dispatcher.laboratory import Laboratory
 from evidence.curves.link import configuration, fiber
+from evidence.laboratory import Laboratory
 from topologies.catalogue.node_kinds import ATOMIC_ENSEMBLE, ION_TRAP, NV_CENTRE, STATION
 from wire.dispatcher_pb2 import MeasureRequest
 from wire.parameters.physics import Device

@@ -12,12 +12,12 @@ from five_sigma import within
 from numpy.typing import NDArray
 
 from dispatcher.build import build_layer
-from dispatcher.laboratory import JumpingClock, Laboratory
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.eavesdropping import ALONE, Resending
 from dispatcher.refusal import Refusal
 from dispatcher.sabot.backend import Bytes
+from evidence.laboratory import JumpingClock, Laboratory
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import BlockId, CreateRequest, MeasureRequest, ResendRequest
 from wire.outcomes import NO_CLICK

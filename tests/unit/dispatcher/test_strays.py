@@ -14,7 +14,7 @@ import uvloop
 from five_sigma import within
 
 from dispatcher.fiber.classical_light import ClassicalLight
-from dispatcher.laboratory import Laboratory
+from evidence.laboratory import Laboratory
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import Device, PairSource

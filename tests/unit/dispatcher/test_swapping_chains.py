@@ -12,8 +12,8 @@ import pytest
 import uvloop
 from five_sigma import within
 
-from dispatcher.laboratory import Laboratory
 from dispatcher.sabot.backend import Bytes
+from evidence.laboratory import Laboratory
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.parameters.physics import Device, Memory, PairSource
 

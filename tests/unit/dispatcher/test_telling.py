@@ -3,8 +3,8 @@
 import pytest
 import uvloop
 
-from dispatcher.laboratory import Laboratory
 from dispatcher.refusal import Refusal
+from evidence.laboratory import Laboratory
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import TellRequest
 

@@ -7,9 +7,9 @@ import pytest
 import uvloop
 from five_sigma import within
 
-from dispatcher.laboratory import Laboratory
 from dispatcher.layer import ownership
 from dispatcher.layer.ownership import UsedNames, UsedNumbers
+from evidence.laboratory import Laboratory
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import MeasureRequest
 from wire.outcomes import NO_CLICK

@@ -10,13 +10,13 @@ import uvloop
 from five_sigma import within
 from numpy.typing import NDArray
 
-from dispatcher.laboratory import Laboratory
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block
 from dispatcher.layer.weak_pulses import Photons, WeakPulses
 from dispatcher.operations import weak_light
 from dispatcher.refusal import Refusal
 from dispatcher.sabot.backend import Bytes
+from evidence.laboratory import Laboratory
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import CreateRequest, PulseKey
 from wire.keyed import KeyedChoices

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dispatcher.laboratory import Laboratory
+from evidence.laboratory import Laboratory
 from topologies.catalogue.switch_presets import SWITCH_PRESETS, optics_of
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.parameters.physics import BadParameter

@@ -125,7 +125,7 @@ def test_a_run_says_whether_it_delivered_and_with_which_seed(page: str, tmp_path
 )
 def test_a_run_without_a_key_says_why(qber: float | None, error: str | None, verdict: str) -> None:
     counts = dict.fromkeys(each.name for each in fields(cast("Any", KeyFigures)))
-    known = {"qber": qber, "qber_low": 0.2135, "qber_high": 0.3333}
+    known = {"qber": qber, "qber_low": 0.2135, "qber_high": 0.3333, "max_qber": 0.1}
     figures_of_keys = KeyFigures(**cast("Any", counts | known))
     result = run_of("bb84", ServiceJob(asking=figures_of_keys), time_scale=1.0)
     result.error = error

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import Any, TextIO, cast
 
-from dispatcher.replay import NamesCode, replay
+from evidence.replay.replay import NamesCode, replay
 from qmn.results.named_run import add_run
 from wire.dispatcher_record import BadRecord, has_ended
 

@@ -28,8 +28,8 @@ from limits import SOON_S, until
 
 from dispatcher.build import open_layer
 from dispatcher.clock import Clock, NetworkClock
-from dispatcher.replay import replay
 from dispatcher.server.server import build_service
+from evidence.replay.replay import replay
 from wire import dispatcher_record
 from wire.dispatcher_pb2 import (
     AdjustFiberRequest,

@@ -1,6 +1,6 @@
 """The page of all options, settings and result fields, made from their declarations.
 
-python -m qmn.reference > options.md; `make site` has it as a page.
+python -m views.reference > options.md; `make site` has it as a page.
 """
 
 import argparse

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import uvloop
 
-from dispatcher.laboratory import Laboratory
 from dispatcher.refusal import Refusal
+from evidence.laboratory import Laboratory
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import Step
 

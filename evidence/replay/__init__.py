@@ -1,0 +1,1 @@
+"""A run of the dispatcher done again from its record, and compared."""
