@@ -11,6 +11,7 @@ JOBS = "qmn.jobs"  # of `qmn run`: a module with HELP and describe(parser)
 SERVICE_VERBS = "qmn.service_verbs"  # qmn.requests.service_verbs.Verb, by its name
 REQUESTS = "qmn.requests"  # dataclass of a request, by the service that a result names
 PROGRAMS = "qmn.programs"  # qmn.network.programs.NetworkProgram, for `qmn cli`
+DISSECTORS = "qmn.dissectors"  # a module with LUA, a script, and tables() that it reads
 JOB = "the job"  # group of a job's own options
 
 

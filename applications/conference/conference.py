@@ -9,6 +9,7 @@ from uuid import UUID
 
 from applications.conference.follower import Follower
 from applications.conference.leader import Leader
+from applications.conference.proposal import ConferenceProposal
 from applications.conference.protocol import ConferenceOptions, Keys
 from applications.qkd.bits import Bits
 from applications.qkd.conference import Pools
@@ -17,7 +18,6 @@ from applications.qkd.keyring import Keyring, NothingShared, keyring_of
 from hosts.middleware.services.ghz import connections
 from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
 from hosts.middleware.session.errors import SessionError
-from wire.conference import ConferenceProposal
 from wire.metadata.vocabulary import Reason, Service
 
 SESSIONS = 1 << 64

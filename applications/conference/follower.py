@@ -5,6 +5,7 @@ from uuid import UUID
 
 import numpy as np
 
+from applications.conference.proposal import ConferenceProposal
 from applications.conference.protocol import (
     IN_BASIS,
     MAX_STATES,
@@ -31,7 +32,6 @@ from hosts.middleware.session.estimation import Estimate
 from hosts.middleware.session.protocol import Say, Steps, Work, do, hear
 from hosts.middleware.session.values import MAX_WORD, Numbers, expect
 from hosts.timeouts import BITS_TIMEOUT_S, REPORT_TIMEOUT_S
-from wire.conference import ConferenceProposal
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import Reason
 

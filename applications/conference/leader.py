@@ -6,6 +6,7 @@ from uuid import UUID
 
 import numpy as np
 
+from applications.conference.proposal import ConferenceProposal
 from applications.conference.protocol import (
     IN_BASIS,
     NO_BLOCK,
@@ -24,16 +25,15 @@ from applications.qkd.authentication import HASH_KEY_BYTES, TAG_BYTES
 from applications.qkd.bits import Bits, unpack
 from applications.qkd.conference import KEY, TEST_X, TEST_Z
 from applications.qkd.key_store import KEY_BITS
+from applications.qkd.messages import Bound
 from applications.timeouts import KEYS_TIMEOUT_S
 from hosts.hardware.qnic import Qnic
 from hosts.middleware.services.ghz import line
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Now, Steps, Tell, Work, do
 from hosts.timeouts import BITS_TIMEOUT_S
-from wire.conference import ConferenceProposal
 from wire.metadata.values import Topic
 from wire.metadata.vocabulary import Reason
-from wire.qkd import Bound
 
 MEANING = {
     Bound.FINITE: "secret but for eps_sec, for hosts of the line that all are honest and detectors "

@@ -1,7 +1,7 @@
 """The protocol of conference key agreement at all hosts of a line: no socket, no clock.
 
     leader                      next                        last
-      | Envelope(PROPOSAL) ------> | Envelope(PROPOSAL) ----> |  wire.conference
+      | Envelope(PROPOSAL) ------> | Envelope(PROPOSAL) ----> |  applications.conference.proposal
       | (ghz/line.py)              |                          |  GHZ states, block by block:
       | <-------- Values(RECEIPT)  | <----- Values(RECEIPT)   |  all have a block in memory
       | Values(BASES) -----------> | Values(BASES) ---------> |  what each state is for; measured
@@ -27,6 +27,7 @@ from uuid import UUID
 
 import numpy as np
 
+from applications.conference.proposal import ConferenceProposal
 from applications.key_distribution.options import bound_option
 from applications.qkd.authentication import TAG_BYTES, ForgedMessage, KeyPoolExhausted
 from applications.qkd.bits import Bits
@@ -37,7 +38,6 @@ from hosts.middleware.services.ghz.options import GhzOptions
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Hear, Say, Steps
 from hosts.middleware.session.values import Numbers
-from wire.conference import ConferenceProposal
 from wire.malformed import MalformedPacket
 from wire.metadata.values import Envelope, Topic
 from wire.metadata.vocabulary import Reason

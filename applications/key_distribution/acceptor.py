@@ -16,6 +16,14 @@ from applications.key_distribution.under_way import MAX_UNDER_WAY, Cutter, KeysU
 from applications.qkd.alice import Alice
 from applications.qkd.bob import Bob
 from applications.qkd.end import State
+from applications.qkd.messages import (
+    MAX_PULSES,
+    Bound,
+    Proposal,
+    QkdMessage,
+    Reconciliation,
+    unframe,
+)
 from applications.qkd.parameters import Parameters
 from applications.qkd.sifting import Announced, Clicks, Record
 from applications.timeouts import KEYS_TIMEOUT_S
@@ -39,7 +47,6 @@ from wire.metadata.blocks import Finish
 from wire.metadata.header import Message
 from wire.metadata.values import Envelope, Topic, Values
 from wire.metadata.vocabulary import Reason
-from wire.qkd import MAX_PULSES, Bound, Proposal, QkdMessage, Reconciliation, unframe
 
 MAX_NAME_BYTES = 64
 MAX_COMING = 3  # blocks: one is measured, one is made, and one announced

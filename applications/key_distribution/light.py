@@ -6,6 +6,7 @@ import numpy as np
 
 from applications.qkd.bell_test import BellOutcomes
 from applications.qkd.decoy import SHARES
+from applications.qkd.messages import MAX_KEY_BITS, MAX_PHOTONS
 from applications.qkd.sifting import Clicks, Prepared, Record
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic
@@ -25,7 +26,6 @@ from hosts.middleware.session.protocol import (
 from hosts.timeouts import KEY_GRACE_S, LIGHT_TIMEOUT_S
 from wire.keyed import KEY_BYTES, KeyedChoices
 from wire.outcomes import NO_COINCIDENCE, PAULI_BASES
-from wire.qkd import MAX_KEY_BITS, MAX_PHOTONS
 
 EVEN_CHANCE = 0.5  # that two random bases agree
 MARGIN, MARGIN_PHOTONS = 1.05, 64

@@ -3,19 +3,19 @@
 from dataclasses import dataclass
 from typing import Any
 
+from applications.qkd.messages import Bound, Reconciliation
 from applications.qkd.parameters import Parameters
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_BLOCK_PULSES, ServiceOptions
 from hosts.timeouts import MAX_BLOCK_S
 from wire.metadata.vocabulary import Reason
 from wire.parameters.option import option
-from wire.qkd import Bound, Reconciliation
 
 CORRECTIONS = {kind.name.lower(): kind for kind in Reconciliation}  # what users call them
 BOUNDS = {kind.name.lower(): kind for kind in Bound}
 MAX_SIFTED = 1_000_000_000_000  # bits of a session
 MAX_SECONDS = 366 * 86_400.0
-MAX_SIFTED_PER_KEY = 1_000_000  # the last block may bring some more: wire.qkd.MAX_KEY_BITS
+MAX_SIFTED_PER_KEY = 1_000_000  # the last block may bring more: MAX_KEY_BITS
 
 
 def bound_option() -> Any:

@@ -19,12 +19,12 @@ from applications.key_distribution.summary import Progress
 from applications.qkd.alice import Alice
 from applications.qkd.bob import Bob
 from applications.qkd.end import State
+from applications.qkd.messages import AbortReason, message_length, unframe
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Concurrently, Now, Say, Side, Steps, WaitUntil, Work
 from wire.malformed import MalformedPacket
 from wire.metadata.values import Envelope, Topic
 from wire.metadata.vocabulary import Reason
-from wire.qkd import AbortReason, message_length, unframe
 
 PIECE_BYTES = 60_000  # of an envelope
 
@@ -39,7 +39,7 @@ REASONS = {
 
 
 class Cutter:
-    """Cuts a stream of bytes into messages of wire.qkd."""
+    """Cuts a stream of bytes into messages of applications.qkd.messages."""
 
     def __init__(self) -> None:
         self._data = bytearray()

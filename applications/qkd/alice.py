@@ -20,12 +20,7 @@ from applications.qkd.authentication import key_tag
 from applications.qkd.bits import pack, pack_levels, unpack, unpack_levels
 from applications.qkd.decoy import Decoys
 from applications.qkd.end import End, SessionFailed, State, Terms, out_of_place
-from applications.qkd.parities import ReferenceKey, to_query
-from applications.qkd.public_randomness import SEED_BYTES
-from applications.qkd.sifting import Known, choose
-from wire.malformed import MalformedPacket
-from wire.outcomes import NO_CLICK
-from wire.qkd import (
+from applications.qkd.messages import (
     AbortReason,
     Amplify,
     AskBlocks,
@@ -44,6 +39,11 @@ from wire.qkd import (
     Verify,
     kind_of,
 )
+from applications.qkd.parities import ReferenceKey, to_query
+from applications.qkd.public_randomness import SEED_BYTES
+from applications.qkd.sifting import Known, choose
+from wire.malformed import MalformedPacket
+from wire.outcomes import NO_CLICK
 
 MAX_EARLY = 16  # announcements of blocks that have not ended here yet
 

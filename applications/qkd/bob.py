@@ -21,10 +21,7 @@ from applications.qkd.cascade import Cascade
 from applications.qkd.decoy import Decoys
 from applications.qkd.end import End, SessionFailed, State, Terms, out_of_place
 from applications.qkd.ldpc_decoding import LdpcDecoding
-from applications.qkd.parities import Intervals, Query, to_message
-from applications.qkd.sifting import Announced
-from wire import gaps
-from wire.qkd import (
+from applications.qkd.messages import (
     MAX_PHOTONS,
     AbortReason,
     Amplify,
@@ -42,6 +39,9 @@ from wire.qkd import (
     Sifted,
     Verify,
 )
+from applications.qkd.parities import Intervals, Query, to_message
+from applications.qkd.sifting import Announced
+from wire import gaps
 
 
 class Bob(End):

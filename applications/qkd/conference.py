@@ -28,6 +28,7 @@ import hashlib
 import numpy as np
 from numpy.typing import NDArray
 
+from applications.conference.proposal import ConferenceProposal
 from applications.qkd.amplification import seed_bits, toeplitz
 from applications.qkd.authentication import (
     HASH_KEY_BYTES,
@@ -40,10 +41,9 @@ from applications.qkd.bits import NO_BITS, Bits, pack, pack_levels
 from applications.qkd.cascade import LEAST_QBER
 from applications.qkd.key_length import asymptotic_key_length, binary_entropy, finite_key_length
 from applications.qkd.ldpc_decoding import checks_for, corrected
+from applications.qkd.messages import Bound
 from applications.qkd.parities import rows, syndrome
 from hosts.middleware.session.estimation import Estimate
-from wire.conference import ConferenceProposal
-from wire.qkd import Bound
 
 KEY, TEST_X, TEST_Z = range(3)  # what a state is for
 MISSED = 3  # instead of an outcome

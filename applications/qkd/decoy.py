@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from applications.qkd.bits import Bits, Mask
 from applications.qkd.key_length import binary_entropy
-from wire.qkd import Intensities
+from applications.qkd.messages import Intensities
 
 LEVELS = 3
 TERMS = 21  # of which eps_sec is the sum (their equation B5)

@@ -1,7 +1,7 @@
 """The part of a session that is the same at both ends: its states, and messages with tags.
 
 Bytes in, bytes out. `receive` takes one whole message of the other end (cut the stream by
-`wire.qkd.message_length`) and returns the messages to send, in order. Whatever goes wrong
+messages.message_length) and returns the messages to send, in order. Whatever goes wrong
 ends the session: no key at this end, an Abort with the reason to the other.
 """
 
@@ -21,6 +21,15 @@ from applications.qkd.bits import NO_BITS, Bits, Mask
 from applications.qkd.decoy import Bounds, Decoys, Sifted, bounds
 from applications.qkd.disclosure import Rule, compare
 from applications.qkd.key_length import binary_entropy
+from applications.qkd.messages import (
+    MAX_KEY_BITS,
+    Abort,
+    AbortReason,
+    QkdMessage,
+    Sealed,
+    unframe,
+    unsealed,
+)
 from applications.qkd.parameters import Parameters
 from applications.qkd.parities import ReconciliationError
 from applications.qkd.relayed_decoys import PairSifted
@@ -28,7 +37,6 @@ from applications.qkd.relayed_decoys import bounds as relayed_bounds
 from applications.qkd.sifting import Record
 from hosts.middleware.session.estimation import Estimate
 from wire.malformed import MalformedPacket
-from wire.qkd import MAX_KEY_BITS, Abort, AbortReason, QkdMessage, Sealed, unframe, unsealed
 
 DOUBLINGS = 18  # of sifted bits, from those of a session that were too few, at most
 
@@ -125,7 +133,7 @@ class End(ABC):
 
     @property
     def sifted_bits(self) -> int:
-        """How long the sifted key is by now; wire.qkd.MAX_KEY_BITS at most."""
+        """How long the sifted key is by now; applications.qkd.messages.MAX_KEY_BITS at most."""
         return sum(part.size for part in self._parts)
 
     @property

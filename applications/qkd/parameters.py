@@ -12,8 +12,8 @@ from applications.qkd.key_length import (
     finite_key_length,
     most_tagged,
 )
+from applications.qkd.messages import MAX_KEY_BITS, Bound, Proposal, Reconciliation
 from applications.qkd.relayed_decoys import Ends, PairSifted
-from wire.qkd import MAX_KEY_BITS, Bound, Proposal, Reconciliation
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from applications.qkd.bits import Bits, Indices
+from applications.qkd.messages import AskBlocks, AskIntervals, AskSyndrome, QkdMessage
 from applications.qkd.public_randomness import mixed, permutation
-from wire.qkd import AskBlocks, AskIntervals, AskSyndrome, QkdMessage
 
 ROWS_OF_A_BIT = 3
 LEAST_CHECKS = 8  # with fewer, three different rows may not be found

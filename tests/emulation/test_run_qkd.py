@@ -15,13 +15,13 @@ from loaded import run_qmn
 from scapy.utils import rdpcap
 
 import views.dissection.scapy_layers  # noqa: F401 (binds the layers)
+from applications.qkd.messages import Confirm, Proposal
+from applications.qkd.scapy_keys import QKey, key_messages
 from evidence.curves.relay_theory import diagonal, rectilinear
 from hosts.stack_socket import QuantumSocketError
 from topologies.networks.network import Network
-from views.dissection.scapy_keys import QKey, key_messages
 from views.report.first_photons import first_steps
 from views.report.run_facts import read_run
-from wire.qkd import Confirm, Proposal
 
 # That two correlated outcomes have passed together.
 FIBERS = {"bb84": 2, "bbm92": 4, "e91": 4, "mdi": 4}

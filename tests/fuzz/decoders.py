@@ -24,12 +24,14 @@ from scapy.layers.inet6 import IPv6, IPv6ExtHdrFragment, IPv6ExtHdrHopByHop
 from spoiling import spoiled, spoiled_json
 from target import Target
 
+from applications.conference.proposal import ConferenceProposal
 from applications.ip_over_light import ip_packet
 from applications.ip_over_light.lost_packet import Packet
 from applications.key_distribution.under_way import Cutter
 from applications.keys import key_assignment, key_delivery, key_relay
 from applications.netqasm import text_format
 from applications.processing_unit import messages, pair_requests, subroutine
+from applications.qkd import messages as qkd
 from controller_apps.openflow import discovery
 from controller_apps.packets import datagrams, segments
 from wire import (
@@ -43,7 +45,6 @@ from wire import (
     optical,
     packed_folder,
     pcapng,
-    qkd,
     record_pb2,
     socket_calls,
     verdict,
@@ -58,7 +59,6 @@ from wire.analyser_frames import (
     MemoryCounts,
     decode_counts,
 )
-from wire.conference import ConferenceProposal
 from wire.dispatcher_pb2 import BlockId, Event
 from wire.features import EVERYTHING, NodeFeatures
 from wire.key_routes import Hop, KeyLinks, LinkState

@@ -12,17 +12,17 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from qmn.registered import DISSECTORS, registered
 from views.dissection.layout import (
     OPEN,
     Field,
     Layout,
     device_layouts,
-    key_layouts,
     metadata_layouts,
     placed,
     settings_fields,
 )
-from wire import device, dispatcher_pb2, events, key_routes, monitor_messages, optical, qkd
+from wire import device, dispatcher_pb2, events, key_routes, monitor_messages, optical
 from wire.analyser_frames import EMIT, ETHER_TYPE, HEAD, HERALDS, MAGIC, Emission, End
 from wire.config import DISPATCHER_PORT
 from wire.dispatcher_pb2 import Event
@@ -36,8 +36,6 @@ FOLDER = Path(__file__).with_name("wireshark")
 SCRIPT = "qmn.lua"
 PROTOCOL = Path(dispatcher_pb2.__file__).with_name("dispatcher.proto")  # of the messages in gRPC
 PARTS = (
-    "fields",
-    "keys",
     "metadata",
     "node_agent",
     "events",
@@ -51,8 +49,10 @@ MAX_NESTING = 8  # of messages within events
 
 
 def script() -> str:
-    parts = [f"do -- {name}.lua\n{(FOLDER / f'{name}.lua').read_text()}end\n" for name in PARTS[1:]]
-    shared = (FOLDER / f"{PARTS[0]}.lua").read_text()
+    packages = [each.load().LUA for each in registered(DISSECTORS).values()]
+    files = [*packages, *(FOLDER / f"{name}.lua" for name in PARTS)]
+    parts = [f"do -- {file.name}\n{file.read_text()}end\n" for file in files]
+    shared = (FOLDER / "fields.lua").read_text()
     return f"{HEADING}local formats = {lua(tables())}\n{shared}{''.join(parts)}"
 
 
@@ -75,11 +75,11 @@ def tables() -> dict[str, dict[str, Any]]:
     return {
         "grpc": {"port": DISPATCHER_PORT},
         "metadata": _metadata(),
-        "keys": _keys(),
         "device": _device(),
         "event": _event(),
         "inner": _inner_ports(),
         "openflow": _openflow(),
+        **{name: each.load().tables() for name, each in registered(DISSECTORS).items()},
     }
 
 
@@ -95,27 +95,7 @@ def _metadata() -> dict[str, Any]:
         "widths": dict.fromkeys(WIDTHS, True),
         "opener": Topic.OPENER,
         "answered": [Topic.COMING, Topic.DELIVER],
-        "kinds": [_layout(layout) for layout in metadata_layouts()],
-    }
-
-
-def _keys() -> dict[str, Any]:
-    return {
-        "magic": qkd.MAGIC,
-        "version": qkd.VERSION,
-        "topic": Topic.KEYS,
-        "header": qkd.HEADER.size,
-        "tag": qkd.TAG_BYTES,
-        "max_length": qkd.MAX_LENGTH,
-        "max_text": qkd.MAX_TEXT,
-        "max_mean": qkd.MAX_MEAN,
-        "ranges": {
-            kind.__name__: {
-                name: {"least": least, "most": most} for name, (least, most) in kind.RANGES.items()
-            }
-            for kind in qkd.KINDS.values()
-        },
-        "kinds": [_layout(layout) for layout in key_layouts()],
+        "kinds": [layout_table(layout) for layout in metadata_layouts()],
     }
 
 
@@ -140,7 +120,7 @@ def _device() -> dict[str, Any]:
             for name, (least, most) in device.RANGES.items()
         ],
         "settings": [_field(field) for field in settings_fields()],
-        "kinds": [_layout(layout) for layout in device_layouts()],
+        "kinds": [layout_table(layout) for layout in device_layouts()],
     }
 
 
@@ -207,7 +187,7 @@ def lua(value: Any) -> str:
     raise TypeError(f"{value!r} has no form in Lua")
 
 
-def _layout(layout: Layout) -> dict[str, Any]:
+def layout_table(layout: Layout) -> dict[str, Any]:
     return {
         "name": layout.name,
         "number": layout.number,

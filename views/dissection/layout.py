@@ -12,7 +12,7 @@ from struct import Struct, calcsize
 from types import MappingProxyType
 from typing import Any
 
-from wire import device, qkd
+from wire import device
 from wire.device import DeviceReport, DeviceSettings
 from wire.key_routes import HOP, LINK, KeyLinks, KeyRoute, LinkState
 from wire.metadata.blocks import Block, Frame, Report
@@ -23,7 +23,6 @@ from wire.metadata.values import Envelope, Topic, Values
 from wire.metadata.vocabulary import Handshake, Reason, Service, Verdict
 from wire.monitor_messages import Quantity
 from wire.outcomes import Pauli
-from wire.qkd import QkdMessage
 
 Enums = Mapping[str, type[IntEnum]]
 ENUMS: Enums = MappingProxyType(
@@ -36,13 +35,6 @@ ENUMS: Enums = MappingProxyType(
         "seal_end": Reason,
         "topic": Topic,
         "quantity": Quantity,
-    }
-)
-KEY_ENUMS: Enums = MappingProxyType(
-    {
-        "bound": qkd.Bound,
-        "reconciliation": qkd.Reconciliation,
-        "reason": qkd.AbortReason,
     }
 )
 OPEN = {"topic"}  # whose numbers need no name: services define their own
@@ -88,11 +80,6 @@ def metadata_layouts() -> list[Layout]:
 
 def device_layouts() -> list[Layout]:
     return [_layout(kind) for kind in device.KINDS.values()]
-
-
-def key_layouts() -> list[Layout]:
-    """Return the kinds of messages of key distribution; their fields stand behind its header."""
-    return [_key_layout(kind) for kind in qkd.KINDS.values()]
 
 
 def settings_fields() -> tuple[Field, ...]:
@@ -149,18 +136,6 @@ def _layout(kind: type[Message]) -> Layout:
     variable = {tail.name for tail in tails}
     names = [item.name for item in fields(kind) if item.name not in {"session", *variable}]
     fixed = placed(kind.FIELDS, [*names, *counted])
-    return Layout(kind.__name__, kind.KIND, kind.FIELDS.size, fixed, tails)
-
-
-def _key_layout(kind: type[QkdMessage]) -> Layout:
-    tails = tuple(
-        Tail(packed.name, PACKED, count=packed.count, width=packed.width) for packed in kind.PACKED
-    )
-    if kind is qkd.Abort:
-        tails = (Tail("text", TEXT),)
-    variable = {tail.name for tail in tails}
-    names = [item.name for item in fields(kind) if item.name not in variable]
-    fixed = placed(kind.FIELDS, names, KEY_ENUMS)
     return Layout(kind.__name__, kind.KIND, kind.FIELDS.size, fixed, tails)
 
 

@@ -6,7 +6,7 @@
 
 Messages of key distribution, which travel in envelopes of quantum metadata:
 
-    >>> from views.dissection.scapy_keys import key_messages
+    >>> from applications.qkd.scapy_keys import key_messages
     >>> key_messages(rdpcap("runs/latest/s1-eth1.pcap"), "10.0.0.1")[0].show()
 
 Their fields are those of the classes in wire/, which know the sizes, too. scapy reads
@@ -35,7 +35,6 @@ from scapy.packet import Packet, bind_layers
 from views.dissection import layout
 from views.dissection.layout import Layout, Tail
 from views.dissection.scapy_fields import Framed, scapy_field
-from views.dissection.scapy_keys import KEY_LAYERS
 from wire import device, events
 from wire.dispatcher_pb2 import Event
 from wire.malformed import MalformedPacket
@@ -163,7 +162,7 @@ LAYERS = _layers(
         *(kind for kind in layout.device_layouts() if kind.number not in KINDS),
     ]
 )
-globals().update({layer.__name__: layer for layer in (*LAYERS.values(), *KEY_LAYERS.values())})
+globals().update({layer.__name__: layer for layer in LAYERS.values()})
 for _end in ("sport", "dport"):
     bind_layers(TCP, QMetaStream, **{_end: header.METADATA_PORT})
     bind_layers(UDP, QDevice, **{_end: device.DEVICE_PORT})

@@ -21,7 +21,7 @@ class Topic(IntEnum):
     ARRIVED = 6  # 1 for what was detected, or kept, 0 for what was not
     SAMPLE = 7  # 1 for what is sacrificed for an estimate
     COUNTS = 8  # the outcome of a block, as its service defines
-    KEYS = 9  # messages of wire.qkd, cut into envelopes anywhere
+    KEYS = 9  # messages of key distribution, cut into envelopes anywhere
     OPENER = 10  # name of the host that has opened the session, UTF-8
     OVER = 11  # the light of the block is over; no values
     DIRECTIONS = 12  # of states on the Bloch sphere: every theta, then every phi, in turns / 2^32
@@ -34,7 +34,7 @@ class Topic(IntEnum):
     # PROBES, before them, how many qubits each makes by itself.
     ANGLES = 17
     PROBES = 18
-    # Of a conference key: its terms (wire.conference); parities of the leader's bits, and a hash of
+    # Of a conference key: its terms; parities of the leader's bits, and a hash of
     # them behind its key; the seed of privacy amplification; the proof of all messages, 16
     # bytes for each host behind.
     PROPOSAL = 22
@@ -91,7 +91,7 @@ class Values(Message):
 
 @dataclass(frozen=True)
 class Envelope(Message):
-    """Carries a message of a service that has a format of its own, such as wire.qkd."""
+    """Carries a message of a service that has a format of its own, as key distribution."""
 
     KIND = 8
     FIELDS = struct.Struct("!B")

@@ -25,13 +25,13 @@ from stacks_scene import (
 from applications.key_distribution import light as key_light
 from applications.key_distribution import session as key_session
 from applications.qkd import keyring
+from applications.qkd import messages as qkd
 from applications.qkd.key_length import finite_key_length
 from hosts import network_loop
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.values import values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
-from wire import qkd
 from wire.config import PathOptics
 from wire.metadata.header import Message
 from wire.metadata.setup import Setup

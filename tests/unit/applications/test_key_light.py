@@ -5,10 +5,10 @@ import pytest
 
 from applications.key_distribution.light import next_photons
 from applications.key_distribution.under_way import PIECE_BYTES, Cutter, in_envelopes
+from applications.qkd.messages import MAX_KEY_BITS, MAX_PHOTONS, MAX_PULSES, Disclosed, unsealed
 from hosts.middleware.services.measured_light import turned_back
 from wire.malformed import MalformedPacket
 from wire.outcomes import NO_COINCIDENCE, Pauli
-from wire.qkd import MAX_KEY_BITS, MAX_PHOTONS, MAX_PULSES, Disclosed, unsealed
 
 MOST = 131_072
 

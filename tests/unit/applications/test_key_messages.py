@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from applications.key_distribution.under_way import Cutter, in_envelopes
-from wire import gaps
-from wire.malformed import MalformedPacket
-from wire.metadata.decoding import decode
-from wire.metadata.header import MAX_LENGTH
-from wire.metadata.values import Topic
-from wire.qkd import (
+from applications.qkd.messages import (
     TAG_BYTES,
     Abort,
     AbortReason,
@@ -22,6 +17,11 @@ from wire.qkd import (
     unframe,
     unsealed,
 )
+from wire import gaps
+from wire.malformed import MalformedPacket
+from wire.metadata.decoding import decode
+from wire.metadata.header import MAX_LENGTH
+from wire.metadata.values import Topic
 
 SESSION = 0x0102030405060708
 

@@ -13,7 +13,8 @@ from scapy.utils import rdpcap, wrpcap
 from test_key_dissectors import MESSAGES, cut, envelope
 from test_qkd import SEQUENCE, SESSION, TAG, whole
 
-from views.dissection.scapy_keys import KEY_LAYERS, QKey, key_messages, split
+from applications.qkd.messages import QkdMessage, Sifted, unframe
+from applications.qkd.scapy_keys import KEY_LAYERS, QKey, key_messages, split
 from views.dissection.scapy_layers import LAYERS, QDevice, QEvent, QMeta, QMetaStream, decode_layers
 from wire.device import DEVICE_PORT, Datagram, DeviceSettings
 from wire.events import encode_record
@@ -21,7 +22,6 @@ from wire.malformed import MalformedPacket
 from wire.metadata.decoding import decode
 from wire.metadata.header import Message
 from wire.pcapng import Packet, Writer
-from wire.qkd import QkdMessage, Sifted, unframe
 
 
 def check_fields(message: Message, packet: Any) -> None:

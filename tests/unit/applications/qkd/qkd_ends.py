@@ -13,10 +13,10 @@ from applications.qkd.bits import Bits
 from applications.qkd.bob import Bob
 from applications.qkd.decoy import Decoys
 from applications.qkd.end import Terms
+from applications.qkd.messages import Bound
 from applications.qkd.parameters import Parameters
 from applications.qkd.sifting import Record
 from wire.outcomes import NO_CLICK
-from wire.qkd import Bound
 
 SESSION = 0x0123456789ABCDEF
 SHORT = Parameters(bound=Bound.ASYMPTOTIC)  # finite keys of so few photons hold no secret bit

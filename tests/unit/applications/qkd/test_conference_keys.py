@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from applications.conference.proposal import ConferenceProposal
 from applications.qkd.authentication import ForgedMessage, KeyPool, pool_bytes
 from applications.qkd.conference import (
     KEY,
@@ -22,9 +23,8 @@ from applications.qkd.conference import (
     key_length,
     proved,
 )
+from applications.qkd.messages import Bound
 from hosts.middleware.session.estimation import Estimate
-from wire.conference import ConferenceProposal
-from wire.qkd import Bound
 
 NAMES = ("alice", "bob", "charlie")
 TERMS = ConferenceProposal(7, Bound.FINITE, 1e-10, 1e-15, NAMES)

@@ -14,9 +14,9 @@ from qkd_ends import SHORT, Ends, make_ends, random_bits
 from applications.key_distribution.summary import Counts, some_only
 from applications.qkd.bell_test import BellOutcomes, Correlations
 from applications.qkd.end import State
+from applications.qkd.messages import AbortReason, BellAnswer, BellTest, unframe
 from applications.qkd.sifting import Record
 from wire.outcomes import NO_CLICK
-from wire.qkd import AbortReason, BellAnswer, BellTest, unframe
 
 TESTED = replace(SHORT, chsh_fraction=0.3)
 PAIRS = 40_000

@@ -11,9 +11,9 @@ from qkd_ends import SHORT, make_ends, measured, random_bits
 from applications.qkd.bits import pack_levels, unpack_levels
 from applications.qkd.decoy import Bounds, Decoys, Sifted, bounds, key_length, phase_error
 from applications.qkd.end import State
+from applications.qkd.messages import Bound, Intensities, unframe
 from applications.qkd.sifting import Record
 from wire.outcomes import NO_CLICK
-from wire.qkd import Bound, Intensities, unframe
 
 Floats = NDArray[np.float64]
 PULSES = 2_000_000

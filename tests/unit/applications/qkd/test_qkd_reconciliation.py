@@ -10,6 +10,7 @@ from applications.qkd.bits import Bits
 from applications.qkd.cascade import Cascade, Corrected, long_passes, pass_sizes
 from applications.qkd.key_length import binary_entropy
 from applications.qkd.ldpc_decoding import LdpcDecoding
+from applications.qkd.messages import AskBlocks, AskIntervals, AskSyndrome
 from applications.qkd.parities import (
     Blocks,
     Intervals,
@@ -24,7 +25,6 @@ from applications.qkd.parities import (
     to_query,
 )
 from hosts.middleware.session.estimation import Estimate
-from wire.qkd import AskBlocks, AskIntervals, AskSyndrome
 
 SEED = bytes(range(32))
 SMALL = 3000

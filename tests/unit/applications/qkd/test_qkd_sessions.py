@@ -9,10 +9,10 @@ from qkd_ends import SESSION, SHORT, Ends, bb84, make_ends
 
 from applications.qkd.end import End, State
 from applications.qkd.key_length import finite_key_length
+from applications.qkd.messages import AbortReason, Confirm, Reconciliation, unframe
 from applications.qkd.parameters import Parameters
 from applications.qkd.sifting import Record
 from wire.outcomes import NO_CLICK
-from wire.qkd import AbortReason, Confirm, Reconciliation, unframe
 
 PHOTONS = 2000
 NOISE = 0.03

@@ -11,8 +11,8 @@ Network byte order. It travels in an envelope, and the later proofs include it.
 import struct
 from dataclasses import dataclass
 
+from applications.qkd.messages import Bound
 from wire.malformed import MalformedPacket
-from wire.qkd import Bound
 
 VERSION = 1
 MOST_NAMES_BYTES = 1024

@@ -1,4 +1,4 @@
-"""scapy layers of the messages of key distribution (wire/qkd.py), and where to find them."""
+"""scapy layers of the messages of key distribution (messages.py), and where to find them."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
@@ -16,14 +16,15 @@ from scapy.fields import (
 from scapy.layers.inet import IP, TCP
 from scapy.packet import Packet, bind_layers
 
+from applications.qkd import messages as qkd
+from applications.qkd.dissection import key_layouts
+from applications.qkd.messages import HEADER, TAG_BYTES
 from views.dissection import layout
 from views.dissection.layout import Layout, Tail
 from views.dissection.scapy_fields import Framed, scapy_field
-from wire import qkd
 from wire.metadata.decoding import decode, message_length
 from wire.metadata.header import METADATA_PORT
 from wire.metadata.values import Envelope, Topic
-from wire.qkd import HEADER, TAG_BYTES
 
 
 class QKey(Framed):
@@ -118,7 +119,7 @@ def _layer(kind: Layout) -> type[Packet]:
     return type(f"QKey{kind.name}", (Packet,), made)
 
 
-KEY_LAYERS = {kind.number: _layer(kind) for kind in layout.key_layouts()}
+KEY_LAYERS = {kind.number: _layer(kind) for kind in key_layouts()}
 for _number, _bound in KEY_LAYERS.items():
     bind_layers(QKey, _bound, kind=_number)
 globals().update({layer.__name__: layer for layer in KEY_LAYERS.values()})

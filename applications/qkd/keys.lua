@@ -1,4 +1,4 @@
--- Messages of key distribution (wire/qkd.py), a stream within envelopes of quantum metadata
+-- Messages of key distribution (applications/qkd/messages.py), a stream within envelopes of quantum metadata
 -- that is cut anywhere. Their tags cannot be checked: who holds the keys does.
 
 local format = formats.keys

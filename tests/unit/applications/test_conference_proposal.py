@@ -4,9 +4,9 @@ import struct
 
 import pytest
 
-from wire.conference import ConferenceProposal
+from applications.conference.proposal import ConferenceProposal
+from applications.qkd.messages import Bound
 from wire.malformed import MalformedPacket
-from wire.qkd import Bound
 
 PROPOSAL = ConferenceProposal(0x0102030405060708, Bound.FINITE, 0.5, 0.25, ("alice", "bob"))
 GOLDEN = bytes.fromhex("01 0102030405060708 01 3fe0000000000000 3fd0000000000000") + b"alice,bob"

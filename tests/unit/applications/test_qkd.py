@@ -6,9 +6,7 @@ import struct
 import numpy as np
 import pytest
 
-from wire import gaps
-from wire.malformed import MalformedPacket
-from wire.qkd import (
+from applications.qkd.messages import (
     HEADER,
     KINDS,
     MAX_KEY_BITS,
@@ -40,6 +38,8 @@ from wire.qkd import (
     unframe,
     unsealed,
 )
+from wire import gaps
+from wire.malformed import MalformedPacket
 
 SESSION, SEQUENCE = 0x0102030405060708, 9
 TAG = bytes(range(16))

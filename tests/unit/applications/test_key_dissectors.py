@@ -14,13 +14,8 @@ from dissection import found, segment, shown, tshark
 from dissector_scene import SEED, SETUP, mutated, plain
 from test_qkd import GOLDEN, SEQUENCE, SESSION, TAG, WRONG, whole
 
-from views.dissection.layout import Layout, key_layouts
-from wire import gaps
-from wire.malformed import MalformedPacket
-from wire.metadata.header import Message
-from wire.metadata.setup import Answer
-from wire.metadata.values import Envelope, Topic, Values
-from wire.qkd import (
+from applications.qkd.dissection import key_layouts
+from applications.qkd.messages import (
     HEADER,
     MAX_TEXT,
     Abort,
@@ -31,6 +26,12 @@ from wire.qkd import (
     message_length,
     unframe,
 )
+from views.dissection.layout import Layout
+from wire import gaps
+from wire.malformed import MalformedPacket
+from wire.metadata.header import Message
+from wire.metadata.setup import Answer
+from wire.metadata.values import Envelope, Topic, Values
 
 MESSAGES = [
     *(message for message, _golden in GOLDEN),
