@@ -20,7 +20,7 @@ from programs.faults import report_fault
 from wire.config import BadConfig, ControllerConfig
 from wire.network_time import SteppedTime
 
-APPS = ("learning_switch", "quantum_metadata", "device_monitor", "key_relays")
+APPS = ("learning_switch", "quantum_metadata", "device_monitor")
 # The controller asks for no names: without its own resolver eventlet loads much faster.
 os.environ.setdefault("EVENTLET_NO_GREENDNS", "yes")
 WSGI_APPS = {"ryu.app.ofctl_rest", "ryu.app.rest_topology"}
@@ -143,7 +143,7 @@ def check_free(name: str, host: str, port: int) -> None:
 def start_apps(framework: Any, config: ControllerConfig) -> Any:
     """Start the apps, the OpenFlow server and the console; return the quantum-metadata app."""
     from controller_apps.console.console import Console
-    from controller_apps.console.facts import Facts
+    from controller_apps.console.facts import PACKAGE_APPS, Facts
     from controller_apps.console.guard import Guard
     from controller_apps.openflow.mac_table import MacTable
     from controller_apps.record import Record
@@ -164,11 +164,13 @@ def start_apps(framework: Any, config: ControllerConfig) -> Any:
     except OSError as error:
         raise Fatal(f"cannot open the console {config.console!r}: {error.strerror}") from error
     modules = [f"controller_apps.apps.{name}" for name in APPS]
+    modules += [app.module for app in PACKAGE_APPS]
     modules += ["controller_apps.console.rest"] if config.rest else []
     contexts = {"config": config, "mac_table": MacTable(), "record": record, "state": state}
     guard = partial(Guard, address=config.rest, token=config.rest_token)
     apps = framework.start([*modules, *config.apps], guard, **contexts)
-    facts = Facts(apps["QuantumMetadata"], apps["DeviceMonitor"], apps["KeyRelays"])
+    packages = {app.name: apps[app.attr] for app in PACKAGE_APPS}
+    facts = Facts(apps["QuantumMetadata"], apps["DeviceMonitor"], packages)
     for server in (console, metrics):
         if server is not None:
             server.start(facts)

@@ -7,7 +7,7 @@ import json
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from wire import typed_json
 from wire.credentials import Credentials
@@ -76,6 +76,14 @@ class Config:
         except (OSError, ValueError, RecursionError) as error:
             raise BadConfig(f"{path} is not a {cls.__name__}: {error}") from error
         return config
+
+
+@dataclass(frozen=True)
+class CarriedConfig(Config):
+    """Configuration of a package's program, which may be on another machine with its host."""
+
+    FILES: ClassVar[tuple[str, ...]] = ()  # fields that are paths of files which go there
+    key_log: str = field(default="", kw_only=True)  # path of secrets for Wireshark; empty: none
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from uuid import UUID
 
 import numpy as np
 
-from applications.conference.proposal import ConferenceProposal
 from applications.conference.protocol import (
     IN_BASIS,
     MAX_STATES,
@@ -22,6 +21,7 @@ from applications.qkd.amplification import seed_bits
 from applications.qkd.authentication import TAG_BYTES
 from applications.qkd.bits import Bits
 from applications.qkd.conference import TEST_Z, Member
+from applications.qkd.conference_proposal import ConferenceProposal
 from applications.timeouts import KEYS_TIMEOUT_S
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols

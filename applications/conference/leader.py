@@ -6,7 +6,6 @@ from uuid import UUID
 
 import numpy as np
 
-from applications.conference.proposal import ConferenceProposal
 from applications.conference.protocol import (
     IN_BASIS,
     NO_BLOCK,
@@ -24,6 +23,7 @@ from applications.qkd.amplification import seed_bits
 from applications.qkd.authentication import HASH_KEY_BYTES, TAG_BYTES
 from applications.qkd.bits import Bits, unpack
 from applications.qkd.conference import KEY, TEST_X, TEST_Z
+from applications.qkd.conference_proposal import ConferenceProposal
 from applications.qkd.key_store import KEY_BITS
 from applications.qkd.messages import Bound
 from applications.timeouts import KEYS_TIMEOUT_S

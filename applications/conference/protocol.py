@@ -1,7 +1,7 @@
 """The protocol of conference key agreement at all hosts of a line: no socket, no clock.
 
     leader                      next                        last
-      | Envelope(PROPOSAL) ------> | Envelope(PROPOSAL) ----> |  applications.conference.proposal
+      | Envelope(PROPOSAL) ------> | Envelope(PROPOSAL) ----> |  its terms
       | (ghz/line.py)              |                          |  GHZ states, block by block:
       | <-------- Values(RECEIPT)  | <----- Values(RECEIPT)   |  all have a block in memory
       | Values(BASES) -----------> | Values(BASES) ---------> |  what each state is for; measured
@@ -27,11 +27,11 @@ from uuid import UUID
 
 import numpy as np
 
-from applications.conference.proposal import ConferenceProposal
 from applications.key_distribution.options import bound_option
 from applications.qkd.authentication import TAG_BYTES, ForgedMessage, KeyPoolExhausted
 from applications.qkd.bits import Bits
 from applications.qkd.conference import Contradiction, Pools
+from applications.qkd.conference_proposal import ConferenceProposal
 from applications.qkd.key_store import KEY_BITS, key_id
 from hosts.middleware.services.ghz.line import Right
 from hosts.middleware.services.ghz.options import GhzOptions

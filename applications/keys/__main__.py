@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 
+from applications.keys.config import KeyManagerConfig
 from applications.keys.delivery import KeyDelivery
 from applications.keys.filling import fill, open_to_others
 from applications.keys.link_states import KeyLinkStates
@@ -18,7 +19,6 @@ from hosts import network_loop
 from programs.config_argument import config_path
 from programs.faults import report_fault
 from wire.config import BadConfig
-from wire.key_manager import KeyManagerConfig
 
 
 async def run(config: KeyManagerConfig) -> None:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Protocol
 from uuid import UUID, uuid4
 
+from applications.keys.config import KeyManagerConfig, manager_name
 from applications.keys.key_assignment import MAX_BITS, AssignedKey, Assignment
 from applications.keys.key_delivery import MAX_IDS, MAX_NAMES, DeliveredKey, KeyRequest, Status
 from applications.keys.refusals import (
@@ -34,7 +35,6 @@ from applications.keys.waiting import WaitingKeys
 from applications.qkd.key_store import KEY_BITS, StoredKey
 from applications.qkd.keyring import CAPACITY
 from hosts.network_loop import now_s
-from wire.key_manager import KeyManagerConfig, manager_name
 from wire.key_routes import KeyRoute
 
 ASSIGNED = ".assigned"  # folder of keys that wait for applications; no host is called so

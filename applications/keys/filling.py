@@ -18,13 +18,13 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 
 from applications.key_distribution.options import KeyOptions
+from applications.keys.config import KEY_LINK_PORTS, KeyLink, KeyManagerConfig
 from applications.keys.delivery import KeyDelivery
 from applications.keys.link_states import KeyLinkStates
 from applications.keys.sessions import Outcome, StackGone, hold, listening, offered
 from applications.timeouts import FILLING_PAUSE_S
 from hosts.network_loop import wall_sleep
 from hosts.timeouts import CHECK_PERIOD_S
-from wire.key_manager import KEY_LINK_PORTS, KeyLink, KeyManagerConfig
 
 
 async def fill(config: KeyManagerConfig, delivery: KeyDelivery, states: KeyLinkStates) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 
+from applications.keys.config import KEY_DELIVERY_PORT, KeyLink, KeyManagerConfig, manager_name
 from topologies.networks.network import Network
 from topologies.nodes import QuantumHost
 from topologies.nodes.addresses import broadcast
@@ -16,7 +17,6 @@ from topologies.system.certificates.authority import (
 from topologies.system.processes.programs import NetworkError, Program
 from topologies.system.runs.launching import launch
 from topologies.timeouts import READY_TIMEOUT_S
-from wire.key_manager import KEY_DELIVERY_PORT, KeyLink, KeyManagerConfig, manager_name
 from wire.parameters.checks import remedy
 
 MODULE = "applications.keys"

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
+from applications.keys.config import KEY_LINK_PORTS, KeyLink
 from applications.keys.key_managers import KeyService, start_key_managers
 from hosts.middleware.session.options import MAX_COUNT
 from qmn.network.programs import NetworkProgram, Start
 from qmn.options import BadInput, check_range, check_ranges
 from topologies.networks.network import Network
-from wire.key_manager import KEY_LINK_PORTS, KeyLink
 from wire.parameters.option import option
 
 MOST_MARK = 16_384

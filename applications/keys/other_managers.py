@@ -9,12 +9,12 @@ from typing import Any
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.simple_httpclient import SimpleAsyncHTTPClient
 
+from applications.keys.config import KeyManagerConfig, manager_name
 from applications.keys.key_assignment import ASSIGNMENT_PATH, Assignment
 from applications.keys.key_delivery import MAX_REQUEST, decode_refusal
 from applications.keys.key_relay import RELAY_PATH
 from applications.keys.refusals import BAD_REQUEST, unavailable
 from hosts.timeouts import ANSWER_TIMEOUT_S, CONNECT_TIMEOUT_S
-from wire.key_manager import KeyManagerConfig, manager_name
 from wire.key_routes import MAX_HOPS
 from wire.malformed import MalformedPacket
 

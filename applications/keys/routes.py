@@ -11,11 +11,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import cast
 
+from applications.keys.config import KeyManagerConfig
 from applications.keys.refusals import Refused, unavailable
 from applications.timeouts import LINKS_PERIOD_S, ROUTE_PAUSE_S, ROUTE_TIMEOUT_S
 from hosts.network_loop import wall_sleep, wall_timeout
 from wire.device import DEVICE_PORT, Datagram, open_sealed
-from wire.key_manager import KeyManagerConfig
 from wire.key_routes import (
     FROM_KEY_MANAGER,
     KEY_AGENT_PORT,

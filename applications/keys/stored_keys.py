@@ -5,13 +5,13 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from uuid import UUID
 
+from applications.keys.config import KeyManagerConfig, manager_name
 from applications.keys.refusals import unavailable
 from applications.qkd.key_files import MissingKey
 from applications.qkd.key_store import KeyStore, StoredKey
 from applications.qkd.keyring import store_in
 from applications.timeouts import STORING_LOOK_S, STORING_TIMEOUT_S
 from hosts.network_loop import now_s
-from wire.key_manager import KeyManagerConfig, manager_name
 
 MOST_VOID = 4096  # ids that another manager has yet to throw away
 

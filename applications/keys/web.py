@@ -10,6 +10,7 @@ from tornado.httpserver import HTTPServer
 from tornado.web import Application, HTTPError, RequestHandler
 
 from applications.keys import key_delivery as bodies
+from applications.keys.config import KeyManagerConfig
 from applications.keys.delivery import KeyDelivery
 from applications.keys.key_assignment import ASSIGNMENT_PATH, MAX_ASSIGNMENT, Assignment
 from applications.keys.key_relay import RELAY_PATH
@@ -18,7 +19,6 @@ from applications.keys.refusals import BAD_REQUEST, UNAUTHORIZED, Refused, unaut
 from applications.timeouts import CLIENT_IDLE_S
 from hosts.timeouts import ANSWER_TIMEOUT_S
 from programs.connection_shares import SharedListener
-from wire.key_manager import KeyManagerConfig
 from wire.malformed import MalformedPacket
 
 log = logging.getLogger("key-manager")

@@ -28,7 +28,6 @@ import hashlib
 import numpy as np
 from numpy.typing import NDArray
 
-from applications.conference.proposal import ConferenceProposal
 from applications.qkd.amplification import seed_bits, toeplitz
 from applications.qkd.authentication import (
     HASH_KEY_BYTES,
@@ -39,6 +38,7 @@ from applications.qkd.authentication import (
 )
 from applications.qkd.bits import NO_BITS, Bits, pack, pack_levels
 from applications.qkd.cascade import LEAST_QBER
+from applications.qkd.conference_proposal import ConferenceProposal
 from applications.qkd.key_length import asymptotic_key_length, binary_entropy, finite_key_length
 from applications.qkd.ldpc_decoding import checks_for, corrected
 from applications.qkd.messages import Bound

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from applications.keys.config import KEY_DELIVERY_PORT
 from wire.config import Config
-from wire.key_manager import KEY_DELIVERY_PORT
 
 PROGRAMS = WIREGUARD, STRONGSWAN, TLS = "wireguard", "strongswan", "tls"
 AGREEMENT_PORT = 9414  # where the end that follows hears the ids of keys

@@ -12,6 +12,7 @@ from shutil import which
 from rich.console import Console
 
 from applications.keys import moments
+from applications.keys.config import KeyLink
 from applications.keys.job import moments_of
 from applications.keys.key_managers import KeyService, start_key_managers
 from applications.keys.moments import Moments
@@ -40,7 +41,6 @@ from topologies.networks.network import Network, Signals, require_free
 from topologies.system.machines.machine import Machine
 from topologies.system.processes.programs import NetworkError, Program
 from topologies.timeouts import POLL_S
-from wire.key_manager import KeyLink
 from wire.results.figures import TunnelFigures
 from wire.results.run_result import KeysJob
 from wire.results.time_series import ClosedMoment, HandshakeMoment, Moment

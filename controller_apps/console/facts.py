@@ -1,7 +1,9 @@
 """Answers for console and REST: each is asked of the app that owns the facts, on its own thread."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from importlib.metadata import entry_points
 from typing import Any
 
 from controller_apps.console import tapi
@@ -9,12 +11,16 @@ from controller_apps.console.questions import Refused, ask
 from wire.device import setting_number
 from wire.parameters.checks import remedy
 
+# Apps of packages, as MODULE:CLASS, each by the name of the question that it answers.
+PACKAGE_APPS = sorted(entry_points(group="qmn.controller_apps"), key=lambda each: each.name)
+
 
 @dataclass(frozen=True)
 class Facts:
     quantum: Any
     monitor: Any
-    relays: Any
+    # Apps of packages, by the question that each answers.
+    packages: Mapping[str, Any] = field(default_factory=dict)
 
     def devices(self) -> Any:
         """Return every device and its state, and what each host has announced that it can do."""
@@ -35,9 +41,11 @@ class Facts:
         paths = self.paths()
         return tapi.context(paths["paths"], paths["fibers"], self.sessions())
 
-    def keys(self) -> Any:
-        """Return the nodes with key managers: key links, and applications that have keys."""
-        return {"qkd_nodes": ask(self.relays, "keys")}
+    def of_package(self, name: str) -> Any:
+        """Return what the app of a package answers; raise Refused if there is none."""
+        if name not in self.packages:
+            raise Refused(f"no app answers {name!r}: install the package applications")
+        return ask(self.packages[name], name)
 
     def set(self, device: str, settings: dict[str, int | None]) -> Any:
         """Override settings of a host, None leaves one to its applications again."""
@@ -47,7 +55,8 @@ class Facts:
         """Read the policy file again; overrides become those of the file."""
         path = ask(self.quantum, "reload")
         ask(self.monitor, "reload")
-        ask(self.relays, "reload")
+        for app in self.packages.values():
+            ask(app, "reload")
         return {"policy": path}
 
 
@@ -71,9 +80,9 @@ def perform(facts: Facts, request: object) -> Any:
         "devices": (set(), facts.devices),
         "sessions": (set(), facts.sessions),
         "paths": (set(), facts.paths),
-        "keys": (set(), facts.keys),
         "set": ({"device", "settings"}, lambda device, settings: _set(facts, device, settings)),
         "reload-policy": (set(), facts.reload_policy),
+        **{name: (set(), partial(facts.of_package, name)) for name in facts.packages},
     }
     if not isinstance(command, str) or command not in commands:
         raise Refused(f"no command {command!r}: {remedy(str(command), commands)}")

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from controller_apps.console import tapi
-from controller_apps.console.facts import Facts, check_settings_request
+from controller_apps.console.facts import PACKAGE_APPS, Facts, check_settings_request
 from controller_apps.console.questions import Refused
 from controller_apps.openflow.framework import App, app_manager, wsgi
 from wire.controller_lines import MAX_REQUEST
@@ -58,7 +58,7 @@ class Resources(wsgi().ControllerBase):  # type: ignore[misc]
     @route("keys", "/qmn/keys", methods=["GET"])
     def keys(self, request: Any, **_: Any) -> Any:
         """Return key links and applications, in the words of ETSI GS QKD 015."""
-        return answer(lambda facts: facts.keys())
+        return answer(lambda facts: facts.of_package("keys"))
 
     @route("set", "/qmn/devices/{name}", methods=["POST"])
     def set(self, request: Any, name: str, **_: Any) -> Any:
@@ -82,8 +82,9 @@ def answer(call: Callable[[Facts], Any]) -> Any:
 
 
 def known_facts() -> Facts:
-    names = "QuantumMetadata", "DeviceMonitor", "KeyRelays"
-    return Facts(*(app_manager.lookup_service_brick(name) for name in names))
+    app = app_manager.lookup_service_brick
+    packages = {each.name: app(each.attr) for each in PACKAGE_APPS}
+    return Facts(app("QuantumMetadata"), app("DeviceMonitor"), packages)
 
 
 def response(status: int, content: Any, kind: str = "application/json") -> Any:

@@ -3,10 +3,10 @@
 import json
 from typing import Any
 
+from applications.keys.config import KeyLink, manager_name
 from applications.keys.key_managers import KeyService, start_key_managers
 from topologies.networks.network import Network
 from topologies.system.processes.programs import Program
-from wire.key_manager import KeyLink, manager_name
 
 LOW, HIGH = 8, 16
 LINK = KeyLink("", True, low=LOW, high=HIGH, options={"count": 12_000})

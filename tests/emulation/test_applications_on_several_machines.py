@@ -18,10 +18,10 @@ from machine_scene import ON_SECOND, SCHEDULER, THERE, SecondMachine
 from test_results_fit_schema import require_schema
 from test_run_vpn import lines_of
 
+from applications.keys.config import KeyLink
 from applications.keys.key_managers import KeyService, start_key_managers
 from qmn.scripting import start
 from topologies.system.confinement.confinement import descendants
-from wire.key_manager import KeyLink
 
 SEED = 5
 LINK = ("--session-bits", "12000", "--low-mark", "8", "--high-mark", "16", "--seed", str(SEED))

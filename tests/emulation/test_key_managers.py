@@ -16,6 +16,7 @@ from key_scene import CURL, HIGH, LOW, Keys
 from limits import SOON_S
 from scapy.utils import rdpcap
 
+from applications.keys.config import KEY_DELIVERY_PORT
 from applications.keys.key_managers import KeyService, start_key_managers
 from qmn.results.timeline import merge
 from topologies.networks.network import Network
@@ -24,7 +25,6 @@ from topologies.system.certificates.authority import CertificateFiles
 from topologies.system.confinement.confinement import children
 from topologies.system.processes import shells
 from topologies.system.processes.programs import NetworkError
-from wire.key_manager import KEY_DELIVERY_PORT
 
 PROGRAMS = Path(sys.executable).parent
 # A program of the client library's user; the paths are those that the host's shell knows.

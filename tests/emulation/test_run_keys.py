@@ -14,6 +14,7 @@ from key_scene import HIGH, LOW, Keys
 from loaded import run_qmn
 from test_results_fit_schema import require_schema
 
+from applications.keys.config import KeyLink
 from applications.keys.key_managers import KeyService, start_key_managers
 from applications.qkd.key_store import KeyStore
 from applications.qkd.keyring import CAPACITY
@@ -21,7 +22,6 @@ from qmn.jobs.transfer import Lines
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 from topologies.system.certificates.authority import CertificateAuthority
-from wire.key_manager import KeyLink
 
 
 def run_keys(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str], dict[str, Any]]:

@@ -24,6 +24,7 @@ from scapy.layers.inet import TCP, UDP
 from scapy.utils import PcapReader
 from test_results_fit_schema import require_schema
 
+from applications.keys.config import KeyLink
 from applications.keys.key_managers import KeyService, start_key_managers
 from applications.vpn.tls import PORT as TLS_PORT
 from applications.vpn.tunnel import INSIDE, SOCKETS, charon_socket, start_charon, start_tunnel
@@ -31,7 +32,6 @@ from applications.vpn.wireguard import PORT
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 from topologies.system.confinement.confinement import descendants
-from wire.key_manager import KeyLink
 
 ROTATE_S, LIFETIME_S = 1.0, 2.0
 SLACK_S = 1.0  # of a busy machine

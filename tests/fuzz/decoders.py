@@ -24,7 +24,6 @@ from scapy.layers.inet6 import IPv6, IPv6ExtHdrFragment, IPv6ExtHdrHopByHop
 from spoiling import spoiled, spoiled_json
 from target import Target
 
-from applications.conference.proposal import ConferenceProposal
 from applications.ip_over_light import ip_packet
 from applications.ip_over_light.lost_packet import Packet
 from applications.key_distribution.under_way import Cutter
@@ -32,6 +31,7 @@ from applications.keys import key_assignment, key_delivery, key_relay
 from applications.netqasm import text_format
 from applications.processing_unit import messages, pair_requests, subroutine
 from applications.qkd import messages as qkd
+from applications.qkd.conference_proposal import ConferenceProposal
 from controller_apps.openflow import discovery
 from controller_apps.packets import datagrams, segments
 from wire import (

@@ -4,7 +4,7 @@ import struct
 
 import pytest
 
-from applications.conference.proposal import ConferenceProposal
+from applications.qkd.conference_proposal import ConferenceProposal
 from applications.qkd.messages import Bound
 from wire.malformed import MalformedPacket
 

@@ -8,6 +8,7 @@ from uuid import UUID, uuid4
 import pytest
 
 from applications.ip_over_light.format import PACKETS_PORT, RETURNED_PACKETS_PORT
+from applications.keys.config import KEY_LINK_PORTS, KeyManagerConfig, manager_name
 from applications.keys.delivery import KeyDelivery
 from applications.keys.key_assignment import Assignment
 from applications.keys.key_delivery import DeliveredKey, KeyRequest
@@ -17,7 +18,6 @@ from applications.qkd.key_files import KeyStoreError
 from applications.qkd.key_store import StoredKey
 from applications.timeouts import FETCH_TIMEOUT_S
 from hosts import network_loop
-from wire.key_manager import KEY_LINK_PORTS, KeyManagerConfig, manager_name
 
 HOSTS = {"alice": "10.0.0.1", "bob": "10.0.0.2", "carol": "10.0.0.3"}
 SAES = {"a": "alice", "a2": "alice", "b": "bob", "b2": "bob", "c": "carol"}

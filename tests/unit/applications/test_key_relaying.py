@@ -10,16 +10,16 @@ from uuid import uuid4
 
 import pytest
 
+from applications.keys.config import KeyLink, KeyManagerConfig, manager_name
 from applications.keys.delivery import KeyDelivery
 from applications.keys.key_delivery import KeyRequest
+from applications.keys.key_network import KeyNetwork, NoRoute
 from applications.keys.key_relay import Relay, decode_sealed, encode_sealed
 from applications.keys.link_states import KeyLinkStates
 from applications.keys.refusals import Refused, unavailable
 from applications.qkd.key_store import StoredKey
-from controller_apps.keys.key_network import KeyNetwork, NoRoute
 from controller_apps.policy.reading import parse_policy
 from hosts import network_loop
-from wire.key_manager import KeyLink, KeyManagerConfig, manager_name
 from wire.key_routes import ROUTE_S, Hop, KeyRoute, KeyRouteRequest, route_tag
 from wire.malformed import MalformedPacket
 

@@ -4,9 +4,9 @@ import logging
 
 import pytest
 
+from applications.keys.config import KeyManagerConfig
 from applications.keys.routes import Routes
 from wire.device import Datagram
-from wire.key_manager import KeyManagerConfig
 from wire.key_routes import TO_KEY_MANAGER, Hop, KeyRoute
 
 KEY = "5a" * 16

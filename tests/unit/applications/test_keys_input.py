@@ -2,13 +2,13 @@
 
 import pytest
 
+from applications.keys.config import KEY_LINK_PORTS, KeyLink
 from applications.keys.job import checked, service_of
 from applications.keys.key_managers import KeyService
 from applications.keys.request import KeysRequest
 from qmn.__main__ import described
 from qmn.jobs.eavesdropping import tapped_way
 from qmn.options import BadInput, read
-from wire.key_manager import KEY_LINK_PORTS, KeyLink
 
 
 def asked(*words: str) -> KeyService:

@@ -5,6 +5,7 @@ Programs of the host read and write there what is in the run's private folder, b
 
 from dataclasses import astuple, replace
 from pathlib import Path
+from typing import Any
 
 from mininet.log import warn
 
@@ -12,9 +13,8 @@ from topologies.system.machines.machine import Machine
 from topologies.system.machines.packing import unpack
 from topologies.system.processes.programs import NetworkError
 from topologies.system.runs.runtime import Runtime
-from wire.config import Config, HostConfig
+from wire.config import CarriedConfig, Config, HostConfig
 from wire.credentials import secret_file
-from wire.key_manager import KeyManagerConfig
 
 
 def carried(network: Runtime, name: str, config: Config, host: str, machine: Machine) -> Config:
@@ -24,8 +24,8 @@ def carried(network: Runtime, name: str, config: Config, host: str, machine: Mac
     """
     if isinstance(config, HostConfig):
         return _of_stack(network, name, config, machine)
-    if isinstance(config, KeyManagerConfig):
-        return _of_key_manager(network, name, config, machine)
+    if isinstance(config, CarriedConfig):
+        return _of_program(network, name, config, machine)
     raise NetworkError(f"{name} runs on the first machine alone: place {host} there")
 
 
@@ -58,10 +58,10 @@ def _bring_keys(network: Runtime, host: str, there: Path, machine: Machine) -> N
         network.from_elsewhere.callback(bring)
 
 
-def _of_key_manager(
-    network: Runtime, name: str, config: KeyManagerConfig, machine: Machine
-) -> KeyManagerConfig:
-    """Give it its certificate; what Wireshark reads by comes back at the end."""
+def _of_program(
+    network: Runtime, name: str, config: CarriedConfig, machine: Machine
+) -> CarriedConfig:
+    """Give it its files; what Wireshark reads by comes back at the end."""
     folder = network.folder / name
 
     def put(given: str) -> str:
@@ -69,12 +69,8 @@ def _of_key_manager(
         machine.put(there, Path(given).read_bytes())
         return str(there)
 
-    moved = replace(
-        config,
-        certificate=put(config.certificate),
-        private_key=put(config.private_key),
-        authority=put(config.authority),
-    )
+    files: Any = {name: put(getattr(config, name)) for name in config.FILES}
+    moved = replace(config, **files)
     if not config.key_log:
         return moved
     there, here = folder / "key-log", Path(config.key_log)

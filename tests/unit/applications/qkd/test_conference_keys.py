@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from applications.conference.proposal import ConferenceProposal
 from applications.qkd.authentication import ForgedMessage, KeyPool, pool_bytes
 from applications.qkd.conference import (
     KEY,
@@ -23,6 +22,7 @@ from applications.qkd.conference import (
     key_length,
     proved,
 )
+from applications.qkd.conference_proposal import ConferenceProposal
 from applications.qkd.messages import Bound
 from hosts.middleware.session.estimation import Estimate
 

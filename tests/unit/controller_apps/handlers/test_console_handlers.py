@@ -3,7 +3,9 @@
 import json
 import socket
 import threading
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import pytest
@@ -18,13 +20,18 @@ from wire.controller_lines import MAX_REQUEST
 class Known:
     """Facts that need no apps."""
 
+    packages: Mapping[str, Any] = MappingProxyType({"keys": None})
+
     def devices(self) -> list[str]:
         return ["q1"]
 
     def set(self, device: str, settings: dict[str, int | None]) -> list[Any]:
         return [device, settings]
 
-    sessions = paths = keys = reload_policy = devices
+    sessions = paths = reload_policy = devices
+
+    def of_package(self, name: str) -> list[str]:
+        return [name]
 
 
 @pytest.mark.parametrize(
@@ -73,7 +80,7 @@ def test_devices_are_shown_with_what_they_have_announced() -> None:
     switch = {"name": "q1", "kind": "quantum-switch"}
     devices = [switch, *({"name": name, "kind": "host"} for name in ("alice", "bob"))]
     told = {"features": ["store"], "memory_qubits": 32}
-    shown = Facts(Knowing({"alice": told}), Knowing(devices), None).devices()
+    shown = Facts(Knowing({"alice": told}), Knowing(devices)).devices()
     assert shown == [
         switch,
         {"name": "alice", "kind": "host", **told},

@@ -10,7 +10,7 @@ from metadata_scene import Q1, S1
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 
-from controller_apps.apps.key_relays import KeyRelays
+from applications.keys.key_relays import KeyRelays
 from controller_apps.console.questions import EventQuestion
 from controller_apps.openflow import framework
 from controller_apps.openflow.framework import ofp_event, parser

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from math import inf
 from typing import Any
 
+from applications.keys.key_network import KeyNetwork, NoRoute, Stores, stores_of
+from applications.keys.key_view import PPM, keys_view
 from controller_apps.console.questions import EventQuestion, Refused, reply
 from controller_apps.devices.hosts_state import Place
-from controller_apps.keys.key_network import KeyNetwork, NoRoute, Stores, stores_of
-from controller_apps.keys.view import PPM, keys_view
 from controller_apps.light.optics import SwitchPort
 from controller_apps.openflow import flow_entries
 from controller_apps.openflow.framework import DEAD, MAIN, App, Datapath, ofp_event, ofproto, on
@@ -178,7 +178,7 @@ class KeyRelays(App):
     @on(EventQuestion)
     def asked(self, question: Any) -> None:
         handlers = {
-            "keys": lambda: keys_view(self.network, time.monotonic()),
+            "keys": lambda: {"qkd_nodes": keys_view(self.network, time.monotonic())},
             "reload": self._reload_policy,
         }
         reply(question, handlers)

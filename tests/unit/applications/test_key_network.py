@@ -5,8 +5,8 @@ from itertools import pairwise, permutations
 
 import pytest
 
-from controller_apps.keys.key_network import KeyNetwork, NoRoute
-from controller_apps.keys.view import identifier, keys_view
+from applications.keys.key_network import KeyNetwork, NoRoute
+from applications.keys.key_view import identifier, keys_view
 from controller_apps.policy.policy import Policy, Trusted
 from controller_apps.policy.reading import parse_policy
 from controller_apps.timeouts import SILENT_S

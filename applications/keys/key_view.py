@@ -7,7 +7,7 @@ those of OpenFlow here. Identifiers are UUIDs made of names; `names` has what pe
 from typing import Any
 from uuid import NAMESPACE_DNS, uuid5
 
-from controller_apps.keys.key_network import Application, KeyNetwork
+from applications.keys.key_network import Application, KeyNetwork
 from wire.key_routes import UNKNOWN, LinkState
 
 _NAMESPACE = uuid5(NAMESPACE_DNS, "nodes.qmn.example")

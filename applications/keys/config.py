@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
-from wire.config import Config
+from wire.config import CarriedConfig
 
 KEY_DELIVERY_PORT = 8443
 # At the stacks: where key managers wait for each other's sessions, by protocol.
@@ -32,8 +32,10 @@ class KeyLink:
 
 
 @dataclass(frozen=True)
-class KeyManagerConfig(Config):
+class KeyManagerConfig(CarriedConfig):
     """One host's key manager (KME) and the applications (SAEs) that may ask it for keys."""
+
+    FILES = "certificate", "private_key", "authority"
 
     host: str
     address: str
@@ -49,7 +51,6 @@ class KeyManagerConfig(Config):
     # Whether no key goes out for a host while the last session with it had too many errors.
     withhold: bool = False
     report_to: str = ""  # IPv4 address to which what is for the controller goes; empty: no relays
-    key_log: str = ""  # path of a file of secrets for Wireshark; empty: none
     device_key: str = ""  # that the host shares with the controller
     links: list[KeyLink] = field(default_factory=list)
 

@@ -1,1 +1,0 @@
-"""Keys of the whole network, as the controller knows it: links, routes, applications."""
