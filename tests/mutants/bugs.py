@@ -1,6 +1,6 @@
 """The bugs of *.toml here: of each file its snippets, which are in it once, and the wrong ones.
 
-["wire/qkd.py"]
+["applications/qkd/messages.py"]
 "len(data) < HEADER.size" = "len(data) <= HEADER.size"
 "right" = { new = "wrong", explained = "why no test can notice it" }
 "one" = { new = "two", kind = "policy" }  # of those that once network tests alone noticed
