@@ -8,7 +8,6 @@ TITLES = {
     "distribute": "Entanglement distribution",
     "swap": "Entanglement swapping",
     "ghz": "GHZ states",
-    "seal": "Tamper seal",
     "load": "Heavy traffic",
     "keys": "Key managers",
     "vpn": "VPN",

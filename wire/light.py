@@ -66,6 +66,7 @@ class RegisteredService:
     figures: tuple[type[Any], ...] = ()  # subclasses of Figures: what its ends report
     prepares_states: bool = False  # photons that its ends prepare, in place of pairs
     third: str = "a third host that makes pairs"  # what its source is, if it needs one
+    monitors: bool = False  # it watches links, and gives its light back to other sessions
     line: bool = False  # each of several hosts opens a session with the next
     # Parts of devices that a role uses, beside those that its needs name (wire.parameters.physics).
     uses: Mapping[Role, tuple[str, ...]] = field(default_factory=dict)

@@ -39,7 +39,7 @@ class SealOrder(Message):
     pairs: int  # to compare, unless there is an alarm before
     block_pairs: int
     rate_hz: int
-    whole_error: float  # see hosts.middleware.services.sealing
+    whole_error: float  # see applications.sealing
     fraction: float
     false_alarm: float
     missed: float

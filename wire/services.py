@@ -47,7 +47,6 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
         ),
         Service.DISTRIBUTE: PAIRS,
         Service.TELEPORT: PAIRS,
-        Service.SEAL: PAIRS,
         Service.SWAP: (),  # its links have it
         Service.SWITCH_SWAP: (),  # who programs the switch, opens it
         Service.LINK: TO_NEXT,
@@ -63,6 +62,8 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
 RETURNS: Mapping[Service, Service] = MappingProxyType({Service.SDC_RETURN: Service.SDC})
 # Services of photons that their ends prepare, without pairs.
 PREPARED = frozenset(service for service, each in REGISTERED.items() if each.prepares_states)
+# Link monitors, which the controller begins on idle light.
+MONITORS = frozenset(service for service, each in REGISTERED.items() if each.monitors)
 # Services of lines of hosts, each of which opens a session with the next: they count on from the
 # number of the first.
 LINES = frozenset({Service.GHZ} | {service for service, each in REGISTERED.items() if each.line})
@@ -70,7 +71,7 @@ LINES = frozenset({Service.GHZ} | {service for service, each in REGISTERED.items
 
 # Where the opener is the source, of services that can do with that: it keeps half of each pair.
 OWN_LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
-    dict.fromkeys((Service.DISTRIBUTE, Service.TELEPORT, Service.SEAL), TO_NEXT)
+    dict.fromkeys((Service.DISTRIBUTE, Service.TELEPORT), TO_NEXT)
     | {service: each.own_light for service, each in REGISTERED.items() if each.own_light}
 )
 # Where memories emit and a station heralds, in place of a source.
@@ -98,7 +99,6 @@ NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
             OPENER: ABSORB | STORE | MEASURE,
             ACCEPTOR: ABSORB | STORE | MEASURE,
         },
-        Service.SEAL: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
         Service.GHZ: NEEDS_OF_LINE,
         Service.SWAP: {
             OPENER: EMIT | STORE,

@@ -9,7 +9,7 @@ from wire.device import DeviceSettings
 MAX_WATCHES = 256
 BLOCK_PAIRS = 1024
 BLOCKS_PER_S = 10  # at least: a seal gives its light back between two blocks
-# The host's own ranges (hosts.middleware.services.sealing) and no more than a watch may take.
+# The host's own ranges (applications.sealing) and no more than a watch may take.
 RANGES: dict[str, tuple[float, float]] = {
     "every_s": (0.2, 86_400.0),
     "pairs": (1, 10_000_000),

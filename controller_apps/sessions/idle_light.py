@@ -20,9 +20,10 @@ from controller_apps.timeouts import DISCOVERY_S, QUEUE_LOOK_S, SEAL_BEGIN_S
 from wire.device import DEVICE_PORT
 from wire.metadata.header import METADATA_PORT
 from wire.metadata.setup import Setup
-from wire.metadata.vocabulary import Handshake, Reason, Service
+from wire.metadata.vocabulary import Handshake, Reason
 from wire.monitor_messages import SealOrder
 from wire.optical import ANY_WAVELENGTH
+from wire.services import MONITORS
 
 MOST_AT_ONCE = 8  # searches for light that is idle, in one tick
 ANY_PORT = 0  # of the opener's end, which is not known before it connects
@@ -72,7 +73,7 @@ class IdleLight:
         begun = self._begun.get(setup.session)
         return (
             begun is not None
-            and setup.service == Service.SEAL
+            and setup.service in MONITORS
             and (begun.opener, begun.acceptor) == (connection.source, connection.destination)
             and setup.source == begun.opener
         )
@@ -92,6 +93,8 @@ class IdleLight:
         return actions
 
     def _begin(self, watch: Watch, now: float) -> list[Action]:
+        if not MONITORS:
+            return self._unwatched(watch, "no package adds a link monitor: install one", now)
         addresses = {host.host: host.address for host in self.network.hosts.values()}
         ends = [addresses.get(name) for name in watch.between]
         opener, acceptor = ends
@@ -156,7 +159,7 @@ def _setup(watch: Watch, number: int, opener: str) -> Setup:
     """Return the set-up that the opener will send."""
     return Setup(
         number,
-        Service.SEAL,
+        min(MONITORS),
         Handshake.FRAMED,
         opener,
         watch.block_pairs,

@@ -24,7 +24,8 @@ from controller_apps.sessions.terms import Terms
 from controller_apps.sessions.verdicts import Verdicts
 from controller_apps.timeouts import QUEUE_LOOK_S
 from wire.metadata.setup import Setup
-from wire.metadata.vocabulary import Reason, Service
+from wire.metadata.vocabulary import Reason
+from wire.services import MONITORS
 
 
 @dataclass
@@ -43,7 +44,7 @@ class LightQueue:
 
         A link monitor never waits.
         """
-        if setup.service == Service.SEAL:
+        if setup.service in MONITORS:
             return False
         return self.terms.queues or self._is_free_soon(setup, connection)
 
@@ -53,7 +54,7 @@ class LightQueue:
         ending = {
             number
             for session in sessions.by_number.values()
-            if session.setup.service == Service.SEAL or session.doubted
+            if session.setup.service in MONITORS or session.doubted
             for number in (session.number, *(link.number for link in links_of(session, sessions)))
         }
         if not ending:

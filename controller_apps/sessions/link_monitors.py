@@ -22,8 +22,8 @@ from controller_apps.light.paths import Hop, Network
 from controller_apps.sessions.actions import Action, Note, Order
 from controller_apps.sessions.sessions import Request, Session, Sessions
 from controller_apps.timeouts import PREEMPTION_S
-from wire.metadata.vocabulary import Service
 from wire.monitor_messages import GiveBack
+from wire.services import MONITORS
 
 Links = frozenset[frozenset[str]]  # pairs of switches, by their names
 MAX_MONITORS = 1024  # that are remembered
@@ -37,7 +37,7 @@ class LinkMonitors:
         self.closed: Links = NO_LINKS  # by alarms
 
     def granted(self, session: Session | None) -> None:
-        if session is None or session.setup.service != Service.SEAL:
+        if session is None or session.setup.service not in MONITORS:
             return
         self._watched.pop(session.number, None)
         self._watched[session.number] = session.owner.source, self._links(session.hops)
@@ -90,7 +90,7 @@ class Preempted:
         return [
             session
             for number, session in self.sessions.by_number.items()
-            if number in numbers and session.setup.service == Service.SEAL
+            if number in numbers and session.setup.service in MONITORS
         ]
 
     def end(self, monitor: Session, now: float) -> list[Action]:

@@ -33,6 +33,7 @@ from controller_apps.timeouts import NODE_TIMEOUT_S
 from wire.metadata.header import session_of
 from wire.metadata.setup import SETUP_LENGTH, Setup, refused
 from wire.metadata.vocabulary import Handshake, Reason, Service, UnknownService, Verdict
+from wire.services import MONITORS
 
 
 @dataclass
@@ -166,7 +167,7 @@ class Setups:
     def _takes_slot(self, setup: Setup, admission: Admission) -> bool:
         if not self.grants.slots or setup.handshake != Handshake.FRAMED:
             return False
-        return setup.service != Service.SEAL and bool(admission.paths or admission.waits_for_light)
+        return setup.service not in MONITORS and bool(admission.paths or admission.waits_for_light)
 
     def _admit(
         self, request: Request, admission: Admission, waits: bool, now: float

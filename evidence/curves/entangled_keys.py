@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from applications.qkd.bell_test import LOCAL, Correlations
 from applications.qkd.key_length import asymptotic_fraction
+from applications.sealing.sequential_test import Question, SequentialTest, tapped_error
 from dispatcher.sabot.backend import Bytes
 from evidence.curves import theory
 from evidence.curves.bb84 import (
@@ -33,7 +34,6 @@ from evidence.curves.parameters import Point
 from evidence.curves.wald import pairs_to_alarm
 from evidence.laboratory import Laboratory
 from hosts.hardware.qnic import LEFT_ALONE
-from hosts.middleware.services.sealing.sequential_test import Question, SequentialTest, tapped_error
 from wire.outcomes import NO_CLICK, PAULI_BASES
 from wire.parameters.physics import Detectors, Device, PairSource
 

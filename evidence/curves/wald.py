@@ -5,7 +5,7 @@ from math import exp, log
 
 import numpy as np
 
-from hosts.middleware.services.sealing.sequential_test import Question
+from applications.sealing.sequential_test import Question
 
 NEGLIGIBLE = 1e-12  # probability of tests that still go on
 ROOTS_WITHIN = 1e-12

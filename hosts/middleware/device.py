@@ -25,8 +25,9 @@ from hosts.middleware.session.estimation import Estimate
 from hosts.middleware.session.options import overridden
 from wire.device import DevicePort, DeviceReport, DeviceSettings, Subscribe
 from wire.metadata.setup import Setup
-from wire.metadata.vocabulary import Reason, Service
+from wire.metadata.vocabulary import Reason
 from wire.monitor_messages import Interval, Quantity, SessionEstimate
+from wire.services import MONITORS
 
 NORMAL_95 = NormalDist().inv_cdf(0.975)  # 95 % are within this number of standard errors
 MOST_UNTOLD = 1000  # estimates; the oldest go
@@ -191,7 +192,7 @@ class Device:
         seals = [
             session
             for session in self._opened
-            if (session.setup.session, session.setup.service) == (seal, Service.SEAL)
+            if session.setup.session == seal and session.setup.service in MONITORS
         ]
         for session in seals:
             session.give_back()

@@ -19,8 +19,9 @@ from hosts.middleware.session.session import OpeningSession
 from hosts.timeouts import UNUSED_S
 from wire.device import DEVICE_PORT
 from wire.metadata.setup import Answer, Setup
-from wire.metadata.vocabulary import Reason, Service
+from wire.metadata.vocabulary import Reason
 from wire.monitor_messages import GiveBack, SealOrder
+from wire.services import MONITORS
 
 log = logging.getLogger("ordered-seals")
 
@@ -80,7 +81,7 @@ class OrderedSeals:
 
     def expected(self, setup: Setup, opener: str) -> NoApplication | None:
         """Return the application of a session that the controller announced, once."""
-        if setup.service != Service.SEAL or self._expected.get(setup.session) != opener:
+        if setup.service not in MONITORS or self._expected.get(setup.session) != opener:
             return None
         del self._expected[setup.session]
         return NoApplication()

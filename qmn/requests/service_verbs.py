@@ -50,12 +50,6 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             "states",
             source=True,
         ),
-        "seal": Verb(
-            "watch a fibre by entangled pairs",
-            "compared",
-            eavesdropper=True,
-            source=True,
-        ),
         **{name: entry.load() for name, entry in registered(SERVICE_VERBS).items()},
     }
 )

@@ -184,7 +184,7 @@ def test_the_machinery_of_networks_knows_no_topology_by_name() -> None:
 
 
 SERVICES = "hosts/middleware/services"
-ROOMS = "conference", "graph_states", "key_distribution", "qkd", "sensing"
+ROOMS = "conference", "graph_states", "key_distribution", "qkd", "sealing", "sensing"
 AROUND = [f"applications/{name}" for name in ROOMS]
 # What carries out what protocols order; whatever else a service has is a protocol.
 CARRIERS = {
@@ -195,11 +195,11 @@ CARRIERS = {
     "applications/qkd/dissection.py",
     "applications/qkd/keyring.py",
     "applications/qkd/scapy_keys.py",
+    "applications/sealing/seal.py",
     "applications/sensing/ends.py",
     f"{SERVICES}/distribution/distribute.py",
     f"{SERVICES}/ghz/connections.py",
     f"{SERVICES}/interception/interception.py",
-    f"{SERVICES}/sealing/seal.py",
     f"{SERVICES}/superdense/superdense.py",
     f"{SERVICES}/swapping/connections.py",
     f"{SERVICES}/swapping/swap.py",

@@ -12,8 +12,6 @@ from wire.results.figures import (
     LineFigures,
     PairFigures,
     ReceiverFigures,
-    SealedFigures,
-    SealFigures,
     SentFigures,
     TeleportFigures,
 )
@@ -30,8 +28,6 @@ else:
         | LineFigures
         | FollowerFigures
         | GhzFigures
-        | SealFigures
-        | SealedFigures
         | SentFigures
         | ReceiverFigures,
     )

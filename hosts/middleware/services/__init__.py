@@ -9,7 +9,6 @@ from hosts.middleware.services.distribution import distribute
 from hosts.middleware.services.ghz import connections
 from hosts.middleware.services.ghz import protocol as ghz
 from hosts.middleware.services.ghz.options import GhzOptions
-from hosts.middleware.services.sealing import seal
 from hosts.middleware.services.superdense import superdense
 from hosts.middleware.services.swapping import swap
 from hosts.middleware.services.teleportation import teleport
@@ -25,7 +24,6 @@ KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
             superdense.RETURN_KIND,
             distribute.KIND,
             connections.line(Service.GHZ, GhzOptions, ghz.Leader, ghz.Follower),
-            seal.KIND,
             swap.KIND,
             switch_swap.KIND,
             teleport.KIND,

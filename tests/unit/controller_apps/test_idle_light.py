@@ -26,7 +26,7 @@ from wire.metadata.vocabulary import Reason, Service
 from wire.monitor_messages import SealOrder
 
 WATCH = Watch(("alice", "bob"), every_s=10.0, pairs=2000, rate_hz=5000, false_alarm=1e-9)
-SEAL = replace(FRAMED, service=Service.SEAL, source=ALICE)
+SEAL = replace(FRAMED, service=Service["SEAL"], source=ALICE)
 KEYS = replace(FRAMED, service=Service["BB84"], session=8)
 
 

@@ -19,7 +19,7 @@ from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason, Service
 from wire.monitor_messages import GiveBack
 
-SEAL = replace(FRAMED, service=Service.SEAL, source=ALICE)
+SEAL = replace(FRAMED, service=Service["SEAL"], source=ALICE)
 KEYS = replace(FRAMED, service=Service["BB84"], session=8)
 
 
@@ -70,7 +70,7 @@ def test_a_seal_that_came_while_a_session_waited_for_others_is_told_to_end_too()
     state = arbiter(queues=True)
     grant(state, ask(state, KEYS, 40000))
     assert noted(ask(state, replace(FRAMED, session=9), 40001)) == ["queued"]
-    other = replace(FRAMED, service=Service.SEAL, session=10, source=CHARLIE)
+    other = replace(FRAMED, service=Service["SEAL"], session=10, source=CHARLIE)
     segment = frame(other.encode(), sport=40005, source=CHARLIE, destination=ALICE)
     grant(state, state.segment_arrived(S1, 3, segment, 0.0))
     fin = frame(sport=40000, seq=100 + len(KEYS.encode()), flags="FA", destination=BOB)
@@ -99,7 +99,7 @@ def test_a_seal_that_has_not_begun_is_refused_at_once() -> None:
 def test_only_seals_in_the_way_are_told_to_end_and_once() -> None:
     state = arbiter()
     grant(state, ask(state, SEAL, 40000))
-    other = replace(FRAMED, service=Service.SEAL, session=10, source=CHARLIE)
+    other = replace(FRAMED, service=Service["SEAL"], session=10, source=CHARLIE)
     segment = frame(other.encode(), sport=40005, source=CHARLIE, destination=ALICE)
     grant(state, state.segment_arrived(S1, 3, segment, 0.0))
     assert len(state.sessions.by_number) == 2
@@ -126,7 +126,7 @@ def test_a_session_that_a_seal_is_not_alone_in_the_way_of_is_refused() -> None:
     state = arbiter()
     grant(state, ask(state, KEYS, 40000))
     wanted = replace(KEYS, session=9)
-    seal = replace(FRAMED, service=Service.SEAL, session=10, source=CHARLIE)
+    seal = replace(FRAMED, service=Service["SEAL"], session=10, source=CHARLIE)
     segment = frame(seal.encode(), sport=40005, source=CHARLIE, destination=ALICE)
     grant(state, state.segment_arrived(S1, 3, segment, 0.0))
     assert len(state.sessions.by_number) == 2

@@ -11,8 +11,8 @@ import uvloop
 from five_sigma import within
 from numpy.typing import NDArray
 
-from evidence.laboratory import SESSION, Laboratory
 from dispatcher.layer.device_noise import TO_Z
+from evidence.laboratory import SESSION, Laboratory
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_pb2 import CreateRequest, Gate, MeasureRequest
 from wire.outcomes import BASES, NO_CLICK

@@ -4,11 +4,11 @@ from math import ceil, sqrt
 
 import pytest
 
+from applications.sealing.sequential_test import Question
 from evidence.curves import theory
 from evidence.curves.catalogue import EXPERIMENTS, measure
 from evidence.curves.entangled_keys import sealed_error
 from evidence.curves.wald import lengths, pairs_to_alarm, wald_pairs_to_alarm
-from hosts.middleware.services.sealing.sequential_test import Question
 
 QUESTION = Question(0.01, 0.25, 1e-6, 0.01)
 

@@ -139,7 +139,7 @@ def test_sessions_are_counted_while_they_run_and_after() -> None:
 
 def test_the_alarm_of_a_seal_is_told_when_it_is_over_and_stays() -> None:
     device = Device(Fibers())
-    watching = replace(SETUP, session=9, service=Service.SEAL)
+    watching = replace(SETUP, session=9, service=Service["SEAL"])
     seal = Session({}, watching, Watched(65, 13, 4, True, Reason.OK))
     with device.opens(seal):
         before = device.report()
@@ -158,7 +158,7 @@ def test_the_alarm_of_a_seal_is_told_when_it_is_over_and_stays() -> None:
 
 def test_a_seal_that_runs_here_is_given_back_and_nothing_else() -> None:
     device = Device(Fibers())
-    seal, other = Session({}, replace(SETUP, session=9, service=Service.SEAL)), sending(1)
+    seal, other = Session({}, replace(SETUP, session=9, service=Service["SEAL"])), sending(1)
     with device.opens(seal), device.opens(other):
         assert not device.give_back(10)
         assert not device.give_back(other.setup.session)
@@ -336,7 +336,7 @@ def test_an_alarm_is_told_at_once_though_the_device_is_at_work(
 ) -> None:
     monkeypatch.setattr(node_agent, "CHECK_PERIOD_S", 1000.0)  # after which the rest is reported
     device = Device(Fibers())
-    watching = replace(SETUP, session=9, service=Service.SEAL)
+    watching = replace(SETUP, session=9, service=Service["SEAL"])
 
     async def scene() -> None:
         async with agent(device) as peer:

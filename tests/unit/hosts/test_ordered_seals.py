@@ -140,7 +140,7 @@ def test_a_host_takes_part_in_the_seal_that_was_ordered_once_and_in_no_other() -
         alices = seals([])
         ordered = replace(AT_BOB, opener="10.0.0.2", acceptor=ALICE)
         assert alices.take(ordered).reason == Reason.OK
-        setup = grant(Setup(SEAL, Service.SEAL, Handshake.FRAMED, "10.0.0.2", 1, 1, 1))
+        setup = grant(Setup(SEAL, Service["SEAL"], Handshake.FRAMED, "10.0.0.2", 1, 1, 1))
         assert alices.expected(setup, "10.0.0.3") is None
         assert alices.expected(replace(setup, session=SEAL + 1), "10.0.0.2") is None
         assert alices.expected(replace(setup, service=Service["BB84"]), "10.0.0.2") is None

@@ -60,7 +60,7 @@ def test_a_seal_is_begun_by_the_policy_and_what_it_finds_recorded(
     ready.quantum.node_answered(EventNodeAnswered(number, BOB, Reason.OK))
     assert sent[-1][1].order.node == ALICE
 
-    seal = replace(FRAMED, service=Service.SEAL, source=ALICE, session=number)
+    seal = replace(FRAMED, service=Service["SEAL"], source=ALICE, session=number)
     ready.packet_in(ready.s1, 1, frame(seal.encode()))
     barrier = ready.q1.take()[-1]
     ready.barrier(barrier.xid)
@@ -90,7 +90,7 @@ def test_a_seal_that_nobody_ordered_needs_leave_as_any_session(
 ) -> None:
     watching(ready, tmp_path / "policy.toml", monkeypatch)
     ready.packet_in(
-        ready.s1, 1, frame(replace(FRAMED, service=Service.SEAL, source=ALICE).encode())
+        ready.s1, 1, frame(replace(FRAMED, service=Service["SEAL"], source=ALICE).encode())
     )
     assert last(ready, "refused")["detail"].startswith("NOT_ALLOWED: alice to bob: ")
 
@@ -110,7 +110,7 @@ def test_an_alarm_of_a_seal_whose_light_was_taken_says_nothing(
     file.write_text('[seal]\nalarm = "close"\n' + UNFILTERED)
     ready.quantum.policy_path = str(file)
     ready.quantum.asked(EventQuestion("reload", {}))
-    seal = replace(FRAMED, service=Service.SEAL, source=ALICE)
+    seal = replace(FRAMED, service=Service["SEAL"], source=ALICE)
     ready.packet_in(ready.s1, 1, frame(seal.encode()))
     ready.barrier(ready.q1.take()[-1].xid)
     assert ready.quantum.monitors.is_of(seal.session, ALICE)

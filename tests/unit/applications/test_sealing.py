@@ -12,8 +12,8 @@ from limits import SOON_S
 from stacks_scene import ask, grant, network, refusal, requested
 
 from applications.key_distribution import light
+from applications.sealing.sequential_test import Question, SequentialTest
 from hosts import network_loop
-from hosts.middleware.services.sealing.sequential_test import Question, SequentialTest
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.service_socket import ServiceSocket
 from wire.metadata.setup import Setup

@@ -15,7 +15,7 @@ comes the session ends with an error: a fibre that is cut is not a seal. protoco
 it is carried out.
 """
 
-from hosts.middleware.services.sealing.protocol import SealOptions, Watch, answer
+from applications.sealing.protocol import SealOptions, Watch, answer
 from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind, Watched
 from hosts.middleware.session.errors import SessionError
 from wire.metadata.vocabulary import Reason, Service
@@ -39,4 +39,4 @@ async def accept(end: AcceptorEnd) -> None:
     await end.perform(answer(end.side))
 
 
-KIND = ServiceKind(Service.SEAL, SealOptions, watch, accept)
+KIND = ServiceKind(Service["SEAL"], SealOptions, watch, accept)
