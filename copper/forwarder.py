@@ -8,20 +8,22 @@ first-in, first-out queue: a packet takes as long as its bits, and packets that 
 are lost. The software at an end may take a time for each message: it gets the bytes so much later,
 in their order, while what has no bytes passes at once; queued, one after the other, whichever cable
 they come by. Packets to and from the dispatcher's address
-belong to the simulation: no cable delays them.
+belong to the simulation: no cable delays them. In stepped time what programs send in the background
+takes none, unless packets are before it, and the clock makes no leap for acknowledgements that
+nobody waits for.
 """
 
 import heapq
 import os
 import random
 import select
-import socket
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from ipaddress import IPv4Address
 from itertools import count
 
+from copper.acknowledgements import IPV4, Acknowledgements, message_bytes
 from wire.config import CopperConfig
 from wire.network_time import CABLES, NEVER, GateClient, SteppedTime
 from wire.parameters.delays import draws, is_queued
@@ -31,18 +33,9 @@ AT_ONCE = 64  # frames read from one end before the next is served
 CLOSED_AT_ONCE = 64  # ends
 QUEUE_BYTES = 1 << 20  # of each direction of a slow cable
 ENDS = slice(26, 38)  # addresses and ports of a frame with IPv4
-IPV4, ARP = b"\x08\x00", b"\x08\x06"
-IP, PROTOCOL, TCP_OFFSET = 14, 23, 12  # in a frame; the last in the TCP header
+ARP = b"\x08\x06"
 # Where sender and target are, behind the Ethernet header.
 ADDRESSES = {IPV4: (slice(26, 30), slice(30, 34)), ARP: (slice(28, 32), slice(38, 42))}
-
-
-def has_message(frame: bytes) -> bool:
-    """Whether a frame has bytes of a TCP connection; what has none, the kernel handles."""
-    if frame[12:14] != IPV4 or frame[PROTOCOL] != socket.IPPROTO_TCP:
-        return False
-    header, length = 4 * (frame[IP] & 0xF), int.from_bytes(frame[IP + 2 : IP + 4])
-    return length > header + 4 * (frame[IP + header + TCP_OFFSET] >> 4)
 
 
 class Software:
@@ -70,6 +63,7 @@ class Direction:
     loss: float
     ns_per_byte: float = 0.0
     free_ns: int = 0  # when the queue is empty
+    last_due_ns: int = 0  # when the last frame comes out
     software: Software | None = None  # at its end; None: it takes no time
 
     def due_ns(self, length: int, now_ns: int) -> int | None:
@@ -105,14 +99,16 @@ class Forwarder:
                     way.software = queued.setdefault(name, program) if one else program
                 self._directions[into] = way
                 self._readable.register(into, select.EPOLLIN)
-        time_ = config.time
+        time_ = self._time = config.time
         self._gate = GateClient(time_, CABLES) if isinstance(time_, SteppedTime) else None
         self._now_ns = time_.now_ns if self._gate else time.monotonic_ns
+        self._acknowledgements = Acknowledgements()
+        self._unawaited: list[tuple[int, int, bytes]] = []  # when due, where to, frame
         if self._gate:
             self._readable.register(self._gate, select.EPOLLIN)
         self._draws = random.Random(config.seed)  # noqa: S311
-        # When due, who speaks to whom, number, where to, by which software first, frame.
-        self._under_way: list[tuple[int, bytes, int, int, Software | None, bytes]] = []
+        # When due, who speaks to whom, number, on which way, by which software first, frame.
+        self._under_way: list[tuple[int, bytes, int, Direction, Software | None, bytes]] = []
         self._numbers = count()
         self.held = self.lost = 0
 
@@ -162,7 +158,7 @@ class Forwarder:
                 return False
             if not frame:
                 return False
-            if self._is_simulation(frame):
+            if self._is_simulation(frame) or self._takes_no_time(direction):
                 self._write(direction.out_of, frame)
             else:
                 self._hold(direction, frame)
@@ -174,23 +170,36 @@ class Forwarder:
         if due_ns is None:
             self.lost += 1
             return
-        software = direction.software if has_message(frame) else None
-        self._put(due_ns, direction.out_of, software, frame)
         self.held += 1
+        ends = direction.into, direction.out_of
+        if self._gate and self._acknowledgements.is_unawaited(*ends, frame):
+            self._unawaited.append((due_ns, direction.out_of, frame))
+            return
+        software = direction.software if message_bytes(frame) else None
+        self._put(due_ns, direction, software, frame)
 
-    def _put(self, due_ns: int, out_of: int, software: Software | None, frame: bytes) -> None:
+    def _put(self, due_ns: int, way: Direction, software: Software | None, frame: bytes) -> None:
+        way.last_due_ns = max(way.last_due_ns, due_ns)
         ends = frame[ENDS] if self._gate else b""  # of one instant, the machine orders them
-        held = due_ns, ends, next(self._numbers), out_of, software, frame
-        heapq.heappush(self._under_way, held)
+        heapq.heappush(self._under_way, (due_ns, ends, next(self._numbers), way, software, frame))
 
     def _give_out(self) -> None:
         now_ns = self._now_ns()
+        for held in [each for each in self._unawaited if each[0] <= now_ns]:
+            self._unawaited.remove(held)
+            self._write(*held[1:])
         while self._under_way and self._under_way[0][0] <= now_ns:
-            due_ns, _ends, _number, out_of, software, frame = heapq.heappop(self._under_way)
+            due_ns, _ends, _number, way, software, frame = heapq.heappop(self._under_way)
             if software is None:
-                self._write(out_of, frame)
+                self._write(way.out_of, frame)
             else:
-                self._put(software.handled_ns(due_ns), out_of, None, frame)
+                self._put(software.handled_ns(due_ns), way, None, frame)
+
+    def _takes_no_time(self, direction: Direction) -> bool:
+        """Whether what programs send now is of the background, and behind no other packet."""
+        if not isinstance(self._time, SteppedTime) or not self._time.in_background:
+            return False
+        return direction.last_due_ns <= self._time.now_ns()
 
     def _is_simulation(self, frame: bytes) -> bool:
         addresses = ADDRESSES.get(frame[12:14], ())

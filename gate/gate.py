@@ -4,8 +4,8 @@
                                  --(notice)--> the programs whose deadline it is
 
 When nothing runs, the clock leaps to the earliest deadline. Of those that wait for one instant the
-first turn is notified at once, and each other when all is quiet again, before the next leap. While
-a client asks for that, the clock goes with the wall instead.
+first turn is notified at once, and each other when all is quiet again; the background comes last,
+before the next leap. While a client asks for that, the clock goes with the wall instead.
 """
 
 import math
@@ -23,6 +23,7 @@ from gate.quiescence import Quiescence
 from gate.timeouts import HELD_S, LONGEST_PAUSE_S, PAUSE_S
 from wire.leaps import LEAP
 from wire.network_time import (
+    BACKGROUND,
     GATE,
     INSTANT,
     NEVER,
@@ -48,10 +49,10 @@ class Client:
     turn: int = PROGRAMS
     is_notified: bool = False  # since it has named these
 
-    def is_due(self, now_ns: int, in_background: bool) -> bool:
-        """Whether it is to be notified, of its deadline in the background as well."""
-        first_ns = min(self.deadline_ns, self.background_ns if in_background else NEVER)
-        return WITH_WALL < first_ns <= now_ns and not self.is_notified
+    def is_due(self, now_ns: int, in_background: bool = False) -> bool:
+        """Whether it is to be notified, of its deadline or of that in the background."""
+        due_ns = self.background_ns if in_background else self.deadline_ns
+        return WITH_WALL < due_ns <= now_ns and not self.is_notified
 
 
 class Gate:
@@ -130,7 +131,7 @@ class Gate:
 
     def _are_under_way(self) -> bool:
         middle, word = PAGE_BYTES // 2, self._clock.itemsize
-        return self._page[word:middle] != self._page[middle + word :]
+        return self._page[word : middle - word] != self._page[middle + word : -word]
 
     def _tell_what_holds(self) -> None:
         """Say once, after a while, what has not let the clock go on since."""
@@ -142,7 +143,7 @@ class Gate:
         links = [
             f"{sent - taken} messages of link {slot // 2}"
             for slot, (sent, taken) in enumerate(
-                zip(self._clock[1:TAKEN], self._clock[TAKEN + 1 :], strict=True)
+                zip(self._clock[1:BACKGROUND], self._clock[TAKEN + 1 : -1], strict=True)
             )
             if sent != taken
         ]
@@ -153,27 +154,38 @@ class Gate:
     def _asks_for_wall(self) -> bool:
         return any(client.deadline_ns == WITH_WALL for client in self._clients.values())
 
-    def _due(self) -> list[Client]:
-        return [client for client in self._clients.values() if self._is_due(client)]
-
-    def _is_due(self, client: Client) -> bool:
-        """Whether to notify it: in the background once the network has been idle."""
-        return client.is_due(self._clock[0], bool(self._wall_ns or self._clock[TAKEN]))
+    def _due(self, in_background: bool = False) -> list[Client]:
+        """Return whom to notify: in the background once the network has been idle."""
+        if in_background and not (self._wall_ns or self._clock[TAKEN]):
+            return []
+        now_ns = self._clock[0]
+        return [each for each in self._clients.values() if each.is_due(now_ns, in_background)]
 
     @property
     def _next_ns(self) -> int:
         return min((client.deadline_ns for client in self._clients.values()), default=NEVER)
 
     @property
+    def _is_next(self) -> bool:
+        return bool(self._clock[0] < self._next_ns < NEVER)
+
+    @property
     def _is_awaited(self) -> bool:
         """Whether one waits for the end of this instant, or all for an instant to come."""
         if self._awaited is None:
-            self._awaited = bool(self._due()) or self._clock[0] < self._next_ns < NEVER
+            due = self._clock[BACKGROUND] or self._due() or self._due(in_background=True)
+            self._awaited = bool(due) or self._is_next
         return self._awaited
 
     def _go_on(self) -> None:
         """Leap if nobody waits for this instant, and notify those whose turn is the first."""
-        due = self._due()
+        due, self._clock[BACKGROUND], self._awaited = self._due(), 0, None
+        if not due and (background := self._due(in_background=True)):
+            self._clock[BACKGROUND], self._pause_s = 1, PAUSE_S
+            self._notify(background, in_background=True)
+            return
+        if not (due or self._is_next):
+            return
         if not due and self._watched and (early_s := self._early_s()) > 0:
             self._poller.poll(early_s)
             return
@@ -235,7 +247,9 @@ class Gate:
         self._awaited = None
         now_ns = self._clock[0]
         self.wrong += self._stepped_since_ns < client.deadline_ns < now_ns
-        if self._is_due(client) and (client.turn <= PROGRAMS or self._wall_ns):
+        if self._wall_ns and client.is_due(now_ns, in_background=True):
+            self._notify([client], in_background=True)
+        elif client.is_due(now_ns) and (client.turn <= PROGRAMS or self._wall_ns):
             self._notify([client])
 
     def _go_with_wall(self) -> None:
@@ -245,11 +259,13 @@ class Gate:
             self._clock[0] += wall_ns - self._wall_ns
         self._wall_ns = wall_ns if self._asks_for_wall else 0
         self._stepped_since_ns = self._clock[0]
-        self._notify(self._due())
+        self._clock[BACKGROUND] = 0
+        for in_background in (False, True):
+            self._notify(self._due(in_background), in_background)
 
-    def _notify(self, clients: Iterable[Client]) -> None:
+    def _notify(self, clients: Iterable[Client], in_background: bool = False) -> None:
         self._awaited = None
         for client in clients:
             client.is_notified = True
             with suppress(ConnectionError):  # it has ended, which is read next
-                client.socket.send(INSTANT.pack(self._clock[0]))
+                client.socket.send(INSTANT.pack(self._clock[0], in_background))

@@ -89,25 +89,24 @@ class NetworkTimers:
 
     def _notified(self) -> None:
         try:
-            self._gate.take_notice()
+            in_background = self._gate.take_notice()
         except EOFError:
             self.close()
             raise
-        if self._is_last:
-            self._run_due()
+        if self._is_last or in_background:
+            self._run_due(self._queues[in_background])
         self.changed()
 
     def _tell(self) -> None:
         self._is_changing = False
         if not self._is_last:
-            self._run_due()
+            self._run_due(self._queues[0])
         if not self._is_changing:  # else once more, behind what these have done
             self._gate.wait_for(*map(self._next_ns, self._queues))
 
-    def _run_due(self) -> None:
-        for queue in self._queues:
-            while self._next_ns(queue) <= self.time.now_ns():
-                heapq.heappop(queue)[2]._run()
+    def _run_due(self, queue: list[tuple[int, int, Timer]]) -> None:
+        while self._next_ns(queue) <= self.time.now_ns():
+            heapq.heappop(queue)[2]._run()
 
     def _next_ns(self, queue: list[tuple[int, int, Timer]]) -> int:
         """Return when the first is due; forget those before it that were cancelled."""

@@ -21,11 +21,13 @@ from pathlib import Path
 
 LEAST_SCALE, MOST_SCALE = 1.0, 1e9
 PAGE, GATE = "page", "gate"  # in the folder of stepped time: its clock, and the gate's socket
-INSTANT = struct.Struct("=q")  # a notice of the gate: its clock, in nanoseconds
+INSTANT = struct.Struct("=q?")  # a notice of the gate: its clock (ns), whether of the background
 WAIT = struct.Struct("=qqb")  # of a client: its deadline, that in the background, its turn
 PAGE_BYTES = 1 << 16
-# The page has the clock, counts of messages sent, when stepping began, counts of those taken.
+# The page has the clock, counts of messages sent, when stepping began, counts of those taken; the
+# last of those sent says whether what waits in the background is done now.
 TAKEN = PAGE_BYTES // 16
+BACKGROUND = TAKEN - 1
 NEVER = (1 << 63) - 1  # the deadline of a program that waits for no instant
 SETTLING = -1  # in place of the instant at which stepping began
 WITH_WALL = -1  # in place of a deadline: the clock is to go with the wall
@@ -138,6 +140,11 @@ class SteppedTime(NetworkTime):
         """Whether the network is ready, and steps."""
         return int(self.page[TAKEN]) > 0
 
+    @property
+    def in_background(self) -> bool:
+        """Whether nothing but what waits in the background runs."""
+        return bool(self.page[BACKGROUND])
+
     def settle(self) -> None:
         """Let the background go on, before the network is ready."""
         self.page[TAKEN] = SETTLING
@@ -224,19 +231,20 @@ class GateClient:
         """Set the deadline: an instant, NEVER, or WITH_WALL.
 
         The clock does not leap to the deadline in the background: it is due once the clock has
-        passed it. A program whose turn is behind PROGRAMS may name this instant: it is notified at
-        its end, when all else is quiet.
+        passed it, and all else of the instant is done. A program whose turn is behind PROGRAMS may
+        name this instant: it is notified at its end, when all else is quiet.
         """
         deadlines = deadline_ns, background_ns
         if deadlines != self._deadlines:
             self._deadlines = deadlines
             self._socket.send(WAIT.pack(*deadlines, self._turn))
 
-    def take_notice(self) -> None:
-        """Read the gate's notice; raise EOFError if the gate has ended."""
-        if not self._socket.recv(INSTANT.size):
+    def take_notice(self) -> bool:
+        """Return whether the gate's notice is of the background; raise EOFError if it has ended."""
+        if not (notice := self._socket.recv(INSTANT.size)):
             raise EOFError("the gate of the network's time has ended")
         self._deadlines = ()
+        return bool(INSTANT.unpack(notice)[1])
 
     def close(self) -> None:
         """Disconnect: the clock does not wait for this program any more."""

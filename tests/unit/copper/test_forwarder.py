@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from ipaddress import IPv4Address
 from itertools import chain
 from pathlib import Path
@@ -17,8 +17,10 @@ import pytest
 from limits import SOON_S
 from stepping import stepping
 
+from copper.acknowledgements import FEW
 from copper.forwarder import QUEUE_BYTES, Direction, Forwarder, Software
 from wire.config import Cable, CopperConfig
+from wire.network_time import NEVER, GateClient
 
 ALICE, BOB, ED = (IPv4Address(f"10.0.0.{number}").packed for number in (1, 2, 4))
 NEVER_S = 1e6
@@ -29,10 +31,11 @@ def ip(source: bytes, target: bytes, payload: bytes = b"") -> bytes:
     return bytes(12) + b"\x08\x00" + b"\x45" + bytes(11) + source + target + payload
 
 
-def tcp(payload: bytes = b"") -> bytes:
-    """Return a frame of a TCP connection from alice to bob."""
-    header = b"\x45\0" + (40 + len(payload)).to_bytes(2) + bytes(5) + b"\x06" + bytes(2)
-    return bytes(12) + b"\x08\x00" + header + ALICE + BOB + bytes(12) + b"\x50" + bytes(7) + payload
+def tcp(payload: bytes = b"", ends: bytes = ALICE + BOB, number: int = 0, ack: int = 0) -> bytes:
+    """Return a frame of a TCP connection; its port is 0 at both ends."""
+    header = b"\x45\0" + (40 + len(payload)).to_bytes(2) + bytes(5) + b"\x06" + bytes(2) + ends
+    numbers = bytes(4) + number.to_bytes(4) + ack.to_bytes(4)
+    return bytes(12) + b"\x08\x00" + header + numbers + b"\x50\x10" + bytes(6) + payload
 
 
 def arp(sender: bytes, target: bytes) -> bytes:
@@ -103,6 +106,43 @@ def test_a_packet_takes_stepped_time_to_the_nanosecond_and_none_of_the_wall() ->
         near.send(ip(ALICE, BOB))
         assert comes(far) == ip(ALICE, BOB)
         assert gate.time.now_s() == 3_600
+
+
+def test_the_clock_leaps_for_acknowledgements_of_many_segments_alone() -> None:
+    """A connection may have ten under way: who has sent a few waits for none of them."""
+    with stepping() as gate, cables(1.0, time_folder=gate.time.folder) as [(near, far)]:
+        at_s, number = 0.0, 0xFFFFFFFE  # which begins again at zero
+        for segments in (1, FEW, FEW + 1):
+            for _ in range(segments):
+                near.send(tcp(b"x", number=number))
+                number = (number + 1) % 2**32
+            for _ in range(segments):
+                comes(far)
+            while select.select([near], [], [], 0)[0]:  # what was held before
+                comes(near)
+            far.send(tcp(ends=BOB + ALICE, ack=number))
+            at_s += 1
+            assert gate.time.now_s() == at_s
+            assert bool(select.select([near], [], [], 0.05)[0]) == (segments > FEW)
+
+
+def test_the_background_takes_no_time_unless_packets_are_before_it() -> None:
+    with (
+        stepping() as gate,
+        cables(1.0, time_folder=gate.time.folder) as [(near, far)],
+        closing(GateClient(gate.time)) as polling,
+    ):
+        gate.time.begin()
+        for before in ([], [tcp(b"x")]):
+            while gate.time.in_background:  # until the gate has seen that nothing runs
+                time.sleep(0.001)
+            for frame in before:
+                near.send(frame)
+            polling.wait_for(NEVER, gate.time.now_ns())
+            assert polling.take_notice()
+            near.send(tcp(b"poll"))
+            assert [comes(far) for _ in (*before, 0)] == [*before, tcp(b"poll")]
+            assert gate.time.now_s() == len(before)
 
 
 def test_software_gets_bytes_of_tcp_after_its_time_and_the_kernel_the_rest_at_once() -> None:

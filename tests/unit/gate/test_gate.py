@@ -229,6 +229,7 @@ def test_the_clock_does_not_leap_for_the_background(gate: Stepping) -> None:
     client.wait_for(SINCE_NS + 10)
     soon(polling)  # once the clock has passed it
     assert gate.time.now_ns() == SINCE_NS + 10
+    assert gate.time.in_background
     polling.wait_for(NEVER, SINCE_NS + 15)
     client.wait_for(NEVER)
     assert stands(gate.time)
@@ -254,6 +255,26 @@ def test_whose_turn_is_later_is_notified_at_the_end_of_the_instant(gate: Steppin
         first.wait_for(SINCE_NS + 20)
         soon(first)
     last.close()
+
+
+def test_the_background_waits_until_all_else_of_an_instant_is_done(gate: Stepping) -> None:
+    gate.time.begin()
+    last, polling = GateClient(gate.time, CONTROLLER), GateClient(gate.time)
+    with GateClientOf(gate) as first:
+        polling.wait_for(NEVER, SINCE_NS + 5)
+        for client in (last, first):
+            client.wait_for(SINCE_NS + 10)
+        for client in (first, last):
+            assert select.select([client], [], [], DEADLINE_S)[0]
+            assert not client.take_notice()
+            assert not select.select([polling], [], [], 0)[0]
+            assert not gate.time.in_background
+            client.wait_for(NEVER)
+        assert select.select([polling], [], [], DEADLINE_S)[0]
+        assert polling.take_notice()
+        assert gate.time.in_background
+    last.close()
+    polling.close()
 
 
 def test_a_deadline_that_has_passed_shows_a_wrong_leap(gate: Stepping) -> None:
