@@ -55,6 +55,8 @@ STEPPED_TCP = {
     "tcp_tso_win_divisor": 255,
     "tcp_wmem": "4096 65536 65536",
 }
+# A question stays until it is answered, and an answer for good.
+STEPPED_ARP = {"retrans_time_ms": 100_000, "base_reachable_time_ms": 1_000_000_000}
 # Of a route in stepped time: TCP repeats after 100 s of the wall (120 s at most) what nobody has
 # acknowledged, and acknowledges at once, as time would leap while it held that back.
 PATIENT = "rto_min 100s quickack 1"
@@ -110,9 +112,15 @@ def write_ipv6_off(*interfaces: str) -> None:
 
 
 def repeat_nothing() -> None:
-    """Have TCP of this thread's namespace neither repeat nor hold anything back by the wall."""
+    """Have TCP of this thread's namespace neither repeat nor hold anything back by the wall.
+
+    Nor ask again where neighbours of its interfaces are.
+    """
     for name, value in STEPPED_TCP.items():
         (IPV4 / name).write_text(str(value))
+    for interface in (IPV4 / "neigh").iterdir():
+        for name, milliseconds in STEPPED_ARP.items():
+            (interface / name).write_text(str(milliseconds))
 
 
 def make_pair(ends: list[tuple[str, str | None, Node]]) -> None:
