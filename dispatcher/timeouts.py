@@ -9,6 +9,7 @@ STOP_TIMEOUT_S = 1.0  # behind the grace, for what calls still have to say
 
 # Requests
 MAX_TIMEOUT_S = 60.0  # that a request may wait for light
+MAX_HERALD_S = 86_400.0  # that a station may attempt for a block
 MAX_PAUSE_S = 1.0  # between two messages to a watcher
 ANALYSER_WAIT_S = 5.0  # of light at an input of a switch's analyser, for that of the other input
 MEMORY_WAIT_S = 5.0  # of light in a switch's memory until something releases it

@@ -192,10 +192,10 @@ class LaboratoryHost:
         return await self._act("attempt", block=block_id(block), port=port, cutoff_s=cutoff_s)
 
     async def herald(
-        self, count: int, ports: tuple[str, str], timeout_s: float, number: int = 0
+        self, count: int, ports: tuple[str, str], timeout_s: float, number: int = 0, **more: float
     ) -> Feedback:
-        names = {"session": SESSION, "number": number}
-        return await self._act("herald", **names, count=count, ports=ports, timeout_s=timeout_s)
+        wanted = {"session": SESSION, "number": number, "count": count, "ports": ports}
+        return await self._act("herald", **wanted, timeout_s=timeout_s, **more)
 
     async def sense(self, block: BlockKey) -> Feedback:
         """Let every photon of a block take the phase of the host's sensor."""

@@ -29,6 +29,7 @@ from dispatcher.operations.heralds import Drawing, Heralded
 from dispatcher.operations.station_path import StationWay, find_path
 from dispatcher.refusal import Refusal, exhausted, invalid, precondition
 from dispatcher.sabot.limits import require_count
+from dispatcher.timeouts import MAX_HERALD_S
 from wire.dispatcher_pb2 import AttemptRequest, Feedback, HeraldRequest
 from wire.features import HERALD, INTERFERE
 from wire.optical import DEFAULT_FREQUENCY_MHZ
@@ -88,7 +89,8 @@ class Heralding:
         layer = self._layer
         hardware.require(layer.devices, node, INTERFERE)
         require_count(request.count)
-        limit_s = limits.timeout(request.timeout_s)
+        limit_s = limits.timeout(request.timeout_s, MAX_HERALD_S)
+        first_s = limits.timeout(request.first_timeout_s or limit_s, MAX_HERALD_S)
         names = [BlockName(request.session, request.number, half) for half in HALVES]
         try:
             offers, paths = self._offered(node, names, request.ports)
@@ -100,9 +102,11 @@ class Heralding:
             raise
         for name, offer in zip(names, offers, strict=True):
             del self._offers[name, offer.end.node]
-        rounds = max(round(limit_s * 1e9) // link.period_ns, 1)
+        rounds, first = (
+            max(round(each_s * 1e9) // link.period_ns, 1) for each_s in (limit_s, first_s)
+        )
         drawing = Drawing(layer, node, link, names)
-        heralded, used = await drawing.draw(request.count, rounds)
+        heralded, used = await drawing.draw(request.count, rounds, first)
         block = self._keep(node, link, names, offers, heralded) if heralded.count else None
         detail = (
             f"{tally(heralded.bell_states, BELL_STATES)} of {used * link.modes} attempts".strip()

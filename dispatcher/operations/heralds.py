@@ -92,30 +92,39 @@ class Drawing:
             for path, device in zip(link.paths, link.devices, strict=True)
         ]
 
-    async def draw(self, count: int, rounds: int) -> tuple[Heralded, int]:
+    async def draw(self, count: int, rounds: int, first: int) -> tuple[Heralded, int]:
         """Return at most `count` heralds of at most `rounds` rounds, and the rounds that were used.
 
+        If these bring none, one of at most `first` rounds.
         Pairs that get too old before there are as many are dropped, and made again. Fewer rounds
         are made where light hardly ever comes in its gate.
         Returns when the clicks of the last round are. Light that proves not to have come through
         is drawn again, from the attempt behind it.
         """
         link, chance = self._link, self._link.heralds.probability
-        heralded, begin, most = Heralded.none(), 0, rounds * link.modes
-        while chance and heralded.count < count and begin < most and not self._gives_up:
+        heralded, begin = Heralded.none(), 0
+        soon = rounds * link.modes
+        most = end = max(rounds, first) * link.modes
+        while chance and heralded.count < count and begin < end and not self._gives_up:
             missing, self._batches = count - heralded.count, self._batches + 1
             place = f"heralds {self._batches}"
             await asyncio.sleep(0)  # others are served meanwhile
             random = PhotonRandom(self._layer.draws, self._names[0], place, missing)
             places = begin - 1 + _until(random.generator("gaps").geometric(chance, missing), most)
             places = places[places < most]
+            late = not heralded.count and places.size and places[0] >= soon
+            places = places[:1] if late else places[places < soon]
             if places.size:
                 in_rounds = places // link.modes
                 await self._layer.clock.wait_until(link.clicks_ns(int(in_rounds[-1]) + 1))
                 batch = self._meet(in_rounds, place)
                 self._empty = 0 if batch.count else self._empty + max(places.size, SMALL)
                 heralded = self._kept(heralded.joined(batch))
-            begin = int(places[-1]) + 1 if places.size == missing else most
+            if late or places.size == missing:
+                begin = int(places[-1]) + 1
+            else:
+                begin = soon if places.size or heralded.count else most
+            end = soon if heralded.count else most
         used = -(-begin // link.modes) if chance else rounds
         await self._layer.clock.wait_until(link.clicks_ns(used))
         self._count(used * link.modes)

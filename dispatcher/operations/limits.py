@@ -223,11 +223,11 @@ def require_source_rate(block: Block, rate_hz: int) -> None:
         )
 
 
-def timeout(timeout_s: float) -> float:
-    """Return the time-out, at most MAX_TIMEOUT_S."""
+def timeout(timeout_s: float, most_s: float = MAX_TIMEOUT_S) -> float:
+    """Return the time-out, up to a limit."""
     if not timeout_s > 0:
         raise invalid(f"timeout_s {timeout_s} is not positive; say how long to wait")
-    return min(timeout_s, MAX_TIMEOUT_S)
+    return min(timeout_s, most_s)
 
 
 def cross_connects(connections: Iterable[Connection]) -> dict[int, int]:

@@ -4,6 +4,7 @@ import asyncio
 from collections import deque
 from collections.abc import AsyncIterator, Collection
 from itertools import count
+from math import inf
 from typing import NamedTuple
 
 import grpc
@@ -84,7 +85,7 @@ class Orders:
         self._counts = LinkCounts(network_time)
         self._token = token
         self._numbers = count(1)
-        self._waiting: dict[int, Waiting] = {}  # the oldest first
+        self._waiting: dict[int, Waiting] = {}
         self._chains: dict[int, Chain] = {}
         self._repeated: dict[int, Standing] = {}
         self._watch: asyncio.TimerHandle | None = None  # of the oldest, or of one before it
@@ -134,7 +135,8 @@ class Orders:
         """Wait for the outcome of an order that was sent; if nobody waits any more, cancel it."""
         loop = asyncio.get_running_loop()
         answer: asyncio.Future[Outcome] = loop.create_future()
-        self._waiting[number] = Waiting(answer, loop.time() + DISPATCHER_TIMEOUT_S, steps)
+        limit_s = DISPATCHER_TIMEOUT_S + sum(_herald_s(step) for step in steps)
+        self._waiting[number] = Waiting(answer, loop.time() + limit_s, steps)
         if self._watch is None:  # one timer for all costs each of them less
             self._watch = loop.call_later(DISPATCHER_TIMEOUT_S, self._look)
         try:
@@ -171,14 +173,16 @@ class Orders:
     def _look(self) -> None:
         """Give up what has waited for too long, and look again when the next has."""
         loop, self._watch = asyncio.get_running_loop(), None
+        next_s = inf
         for number, (answer, until_s, _steps) in self._waiting.items():
             if until_s > loop.time():
-                self._watch = loop.call_at(until_s, self._look)
-                return
-            if not answer.done():
+                next_s = min(next_s, until_s)
+            elif not answer.done():
                 self._cancel(number)
                 text = f"dispatcher: no answer in {DISPATCHER_TIMEOUT_S:g} s"
                 answer.set_exception(HardwareError(text))
+        if next_s < inf:
+            self._watch = loop.call_at(next_s, self._look)
 
     @property
     def _open(self) -> bool:
@@ -240,6 +244,10 @@ class Orders:
         while True:
             order = await orders.get()
             yield order
+
+
+def _herald_s(step: Step) -> float:
+    return max(step.herald.timeout_s, step.herald.first_timeout_s)
 
 
 async def proved(stub: DispatcherStub, token: str, method: str) -> tuple[tuple[str, str], ...]:

@@ -161,11 +161,25 @@ class PairLight(Primitives):
         await self.perform(Step(attempt=attempt))
 
     async def herald(
-        self, session: int, number: int, count: int, ports: tuple[str, str], timeout_s: float
+        self,
+        session: int,
+        number: int,
+        count: int,
+        ports: tuple[str, str],
+        timeout_s: float,
+        first_timeout_s: float,
     ) -> Heralds:
-        """Herald at most count pairs of qubits whose light comes to two ports, in this time."""
+        """Herald at most count pairs of qubits whose light comes to two ports, in this time.
+
+        If none comes in it, one, up to the first pair's time.
+        """
         request = HeraldRequest(
-            session=session, number=number, count=count, ports=ports, timeout_s=timeout_s
+            session=session,
+            number=number,
+            count=count,
+            ports=ports,
+            timeout_s=timeout_s,
+            first_timeout_s=first_timeout_s,
         )
         (feedback,) = await self.perform(Step(herald=request))
         return Heralds(symbols_of(feedback), feedback.attempts)

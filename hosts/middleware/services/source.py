@@ -26,7 +26,7 @@ from hosts.middleware.session.protocol import (
     require_size,
 )
 from hosts.middleware.session.values import announcement, words_of
-from hosts.timeouts import KEY_GRACE_S, LIGHT_TIMEOUT_S, MAX_BLOCK_S
+from hosts.timeouts import HERALD_S, KEY_GRACE_S, LIGHT_TIMEOUT_S, MAX_BLOCK_S
 from wire.metadata.blocks import Emission, Emit, Emitted
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import MemoryState, Reason
@@ -94,7 +94,8 @@ def _herald(side: Side, request: Emit) -> Steps[int]:
     """Herald a block, and tell of it by a packet; return how many pairs."""
     block = request.session, request.block, request.pairs
     first, second = side.ports[:2]
-    heralds = yield from do(Qnic.herald, *block, (first, second), MAX_BLOCK_S)
+    limit_s = max(MAX_BLOCK_S, request.pairs / request.rate_hz)
+    heralds = yield from do(Qnic.herald, *block, (first, second), limit_s, HERALD_S)
     yield Say(words_of(request.session, request.block, heralds))
     return heralds.states.size
 

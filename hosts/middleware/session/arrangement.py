@@ -21,6 +21,7 @@ from hosts.timeouts import (
     HERALD_TIMEOUT_S,
     LONGEST_RETRY_PAUSE_S,
     RETRY_PAUSE_S,
+    WHOLE_HZ,
 )
 from wire.metadata.blocks import Emission, Emit, Emitted
 from wire.metadata.setup import Answer, Setup
@@ -150,13 +151,16 @@ class Arrangement:
         async with self._source_turn:  # its answers carry no number
             await self._pairs.request(question, timeout_s)
 
-    async def herald(self, block: int, pairs: int) -> Heralds:
-        """Have the station herald pairs of a block; return what it tells when its time is over."""
+    async def herald(self, block: int, pairs: int, whole: bool) -> Heralds:
+        """Have the station herald pairs of a block; return what it tells when its time is over.
+
+        It has a second for each pair if nobody wants a part of the block.
+        """
         assert self._pairs is not None
-        session = self._setup.session
+        session, rate_hz = self._setup.session, WHOLE_HZ if whole else self._setup.rate_hz
         async with self._source_turn:  # its answers carry no number
-            emit = Emit(session, block, pairs, self._setup.rate_hz)
-            await self._pairs.request(emit, HERALD_TIMEOUT_S)
+            emit = Emit(session, block, pairs, rate_hz)
+            await self._pairs.request(emit, HERALD_TIMEOUT_S + pairs / rate_hz)
             counts = await self._pairs.receive(Values, ANSWER_TIMEOUT_S)
             reply = await self._pairs.receive(Values, ANSWER_TIMEOUT_S)
             return heralds_of(counts, reply, block, pairs)

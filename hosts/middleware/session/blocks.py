@@ -10,7 +10,7 @@ from hosts.hardware.qnic import Positions, Qnic
 from hosts.hardware.replies import Symbols
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Say, Side, Steps, do, hear
-from hosts.timeouts import HERALD_TIMEOUT_S
+from hosts.timeouts import HERALD_TIMEOUT_S, WHOLE_HZ
 from wire.metadata.values import Topic
 from wire.metadata.vocabulary import Reason
 
@@ -105,7 +105,8 @@ def correct_heralded(
     number = name.number
     yield from do(Qnic.attempt, name, port, side.setup.wavelength_pm)
     yield ready
-    states = yield from hear(Topic.HERALDED, number, None, MAX_STATE, HERALD_TIMEOUT_S)
+    limit_s = HERALD_TIMEOUT_S + size / WHOLE_HZ
+    states = yield from hear(Topic.HERALDED, number, None, MAX_STATE, limit_s)
     if states.size > size:
         text = f"{states.size} pairs of block {number} heralded, of {size}"
         raise SessionError(Reason.PROTOCOL, text)

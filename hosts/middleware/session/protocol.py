@@ -184,10 +184,11 @@ class BeginEmit:
 
 @dataclass(frozen=True)
 class Herald:
-    """Have the station of the session herald pairs of a block."""
+    """Have the station of the session herald pairs of a block; `whole`: nobody wants a part."""
 
     block: int
     pairs: int
+    whole: bool = False
 
 
 @dataclass(frozen=True)
@@ -412,13 +413,13 @@ class OpenerSide(HostSide):
         yield Emit(number, count)
         return (yield from self.stored(light, count))
 
-    def heralded(self, number: int, count: int) -> Steps[Heralds]:
+    def heralded(self, number: int, count: int, whole: bool) -> Steps[Heralds]:
         """Have pairs heralded with emitting qubits of this host; return them, at most `count`.
 
         The other end's attempt when it has agreed.
         """
         yield from self.announce(number, count)
-        return (yield from heralded(self, number, count, self.ports[0]))
+        return (yield from heralded(self, number, count, self.ports[0], whole))
 
 
 def own_pairs(side: Side, number: int, count: int, port: str) -> Steps[Stored]:
@@ -428,10 +429,10 @@ def own_pairs(side: Side, number: int, count: int, port: str) -> Steps[Stored]:
     return (yield from do(Qnic.share_pairs, setup.session, number, count, port, *light))
 
 
-def heralded(side: Side, number: int, count: int, port: str) -> Steps[Heralds]:
+def heralded(side: Side, number: int, count: int, port: str, whole: bool = False) -> Steps[Heralds]:
     """Let qubits emit into a port, as the other end's do; return the station's heralds."""
     yield from do(Qnic.attempt, side.block(number), port, side.setup.wavelength_pm)
-    return (yield Herald(number, count))  # type: ignore[no-any-return]
+    return (yield Herald(number, count, whole))  # type: ignore[no-any-return]
 
 
 def do(

@@ -188,6 +188,26 @@ def test_no_more_is_heralded_than_time_allows() -> None:
     scene(act, device)
 
 
+def test_a_block_without_pairs_goes_on_until_its_first() -> None:
+    """Attempts up to a first herald are 1/p in the mean, and their sum varies by sqrt(n)/p."""
+    chance, blocks = 0.001**2 / 2, 100
+    device = Device(emitter=Emitter("two-click", efficiency=0.001))
+
+    async def act(laboratory: Laboratory) -> None:
+        attempts = 0
+        for number in range(blocks):
+            for host, half in (("alice", 0), ("bob", 1)):
+                await laboratory.host(host).attempt((number, half), f"{host}-q0")
+            ports = "charlie-q0", "charlie-q1"
+            station = laboratory.host("charlie")
+            found = await station.herald(8, ports, 1.0, number, first_timeout_s=86_400.0)
+            assert len(found.outcomes) == 1
+            attempts += found.attempts
+        assert abs(attempts - blocks / chance) < 5 * blocks**0.5 / chance
+
+    scene(act, device)
+
+
 def test_light_that_a_switch_let_go_while_it_came_is_no_herald() -> None:
     device = Device(emitter=Emitter("two-click", efficiency=0.3))
 

@@ -15,6 +15,7 @@ application ends the session; meanwhile the application at either end may ask to
 """
 
 from functools import partial
+from math import inf
 
 from hosts.middleware.services.distribution.pairs import Pairs
 from hosts.middleware.services.distribution.protocol import Make, Opening, Share, follow
@@ -27,7 +28,9 @@ from wire.metadata.vocabulary import Service
 
 async def distribute(end: OpenerEnd, options: DistributeOptions) -> Answerer:
     """Do what the opener does; return what answers its application."""
-    return await make_pairs(end, options, partial(make, end.side))
+    judged = options.fidelity or options.sample or options.rounds
+    whole = not judged and end.side.lifetimes.cutoff_s == inf
+    return await make_pairs(end, options, partial(make, end.side, whole=whole))
 
 
 async def make_pairs(

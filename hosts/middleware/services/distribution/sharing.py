@@ -20,10 +20,12 @@ from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import MemoryState
 
 
-def make(side: OpenerSide, pairs: Pairs, number: int, size: int) -> Steps[None]:
-    """Have a block of pairs made, and keep what both ends have."""
+def make(
+    side: OpenerSide, pairs: Pairs, number: int, size: int, whole: bool = False
+) -> Steps[None]:
+    """Have a block of pairs made, and keep what both ends have; `whole`: nobody wants a part."""
     if side.setup.memory == MemoryState.HERALDED:
-        yield from _by_station(side, pairs, number, size)
+        yield from _by_station(side, pairs, number, size, whole)
         return
     stored = yield from side.pairs(number, size)
     yield side.say(Topic.ARRIVED, number, stored.arrived, 1)
@@ -31,9 +33,9 @@ def make(side: OpenerSide, pairs: Pairs, number: int, size: int) -> Steps[None]:
     yield from pairs.share(number, stored.arrived, theirs.astype(bool))
 
 
-def _by_station(side: OpenerSide, pairs: Pairs, number: int, size: int) -> Steps[None]:
+def _by_station(side: OpenerSide, pairs: Pairs, number: int, size: int, whole: bool) -> Steps[None]:
     """Have the station herald a block of at most `size` pairs, and keep what both ends have."""
-    heralds = yield from side.heralded(number, size)
+    heralds = yield from side.heralded(number, size, whole)
     count = heralds.states.size
     yield side.say(Topic.HERALDED, number, heralds.states, 2)
     kept = (yield from hear(Topic.ARRIVED, number, count, 1)).astype(bool)
