@@ -39,15 +39,20 @@ ADDRESSES = {IPV4: (slice(26, 30), slice(30, 34)), ARP: (slice(28, 32), slice(38
 
 
 class Software:
-    """The software at the end of a cable: when it has handled the messages that have arrived."""
+    """The software at the end of a cable: when it has handled the messages that have arrived.
 
-    def __init__(self, text: str, seed: str) -> None:
-        self._draw = draws(text, random.Random(seed))  # noqa: S311
+    What is drawn follows from the instant: no other message takes its place.
+    """
+
+    def __init__(self, text: str, seed: str, since_ns: int = 0) -> None:
+        self._seed, self._since_ns, self._random = seed, since_ns, random.Random()  # noqa: S311
+        self._draw = draws(text, self._random)
         self._is_queued = is_queued(text)
         self._handled_ns = 0  # when it has handled the last one
 
     def handled_ns(self, arrived_ns: int) -> int:
         """Return when it has handled the next message."""
+        self._random.seed(f"{self._seed} {arrived_ns - self._since_ns}")
         begin_ns = max(self._handled_ns, arrived_ns) if self._is_queued else arrived_ns
         self._handled_ns = max(self._handled_ns + 1, begin_ns + self._draw())
         return self._handled_ns
@@ -94,7 +99,7 @@ class Forwarder:
                 os.set_blocking(into, False)
                 way = Direction(into, out_of, delay_ns, cable.loss, ns_per_byte)
                 if software:
-                    program = Software(software, f"{config.seed} {name}")
+                    program = Software(software, f"{config.seed} {name}", config.time.since_ns)
                     one = is_queued(software)
                     way.software = queued.setdefault(name, program) if one else program
                 self._directions[into] = way

@@ -165,6 +165,15 @@ def test_messages_that_are_handled_at_once_come_in_order_at_different_instants()
     assert [software.handled_ns(arrived_ns) for arrived_ns in (1, 1, 3)] == [10, 11, 12]
 
 
+def test_what_a_message_takes_does_not_depend_on_those_before_it() -> None:
+    """Polls, whose number the machine may change, come by the same cable."""
+    instants = range(10**9, 10**11, 10**9)  # ten means apart: rarely does one overtake another
+    all_ns = [Software("uniform(1ms,100ms)", "1 c0").handled_ns(each) for each in instants]
+    software = Software("uniform(1ms,100ms)", "1 c0", 7)
+    assert [software.handled_ns(each + 7) - 7 for each in instants] == all_ns
+    assert len({taken - each for taken, each in zip(all_ns, instants, strict=True)}) == len(all_ns)
+
+
 def test_messages_in_a_queue_are_handled_one_after_the_other() -> None:
     software = Software("queued(9ns)", "")
     assert [software.handled_ns(arrived_ns) for arrived_ns in (1, 2, 50)] == [10, 19, 59]

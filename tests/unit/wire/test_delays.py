@@ -1,12 +1,14 @@
 """Delays of software: what a user writes, and what is drawn."""
 
+import re
 from argparse import ArgumentTypeError
 from math import sqrt
 from random import Random
 
 import pytest
 
-from wire.parameters.delays import delay, draws
+from topologies.system.processes.programs import ROOT
+from wire.parameters.delays import PRESETS, delay, draws, is_queued
 
 DRAWS = 20_000
 
@@ -32,6 +34,13 @@ def test_draws_have_the_mean_and_deviation_of_the_distribution(
     assert abs(mean - mean_ns) <= 5 * deviation_ns / sqrt(DRAWS)
     second = sum((value - mean) ** 2 for value in values) / DRAWS
     assert sqrt(second) == pytest.approx(deviation_ns, rel=0.05)
+
+
+def test_presets_are_those_of_the_page_of_time() -> None:
+    page = (ROOT / "docs/time.md").read_text()
+    assert dict(re.findall(r"^\| `([a-z-]+)` \| `([^`]+)` \|", page, re.MULTILINE)) == PRESETS
+    assert is_queued("ryu")
+    assert draws(delay("ryu"), Random(1))() == 350_000
 
 
 @pytest.mark.parametrize(
