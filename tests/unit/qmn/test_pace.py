@@ -1,6 +1,7 @@
 """Time is stepped by default, and paced where something in the network goes by the wall."""
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -72,6 +73,14 @@ def test_what_goes_by_the_wall_paces_the_network_with_the_reason(
         pace(run, time="stepped", **options)
     with pytest.raises(BadInput, match=f"--host-delay is exact in stepped time alone: .*{reason}"):
         pace(run, host_delay="5ms", **options)
+
+
+def test_a_policy_is_stepped_unless_it_watches_light(tmp_path: Path) -> None:
+    policy = tmp_path / "policy.toml"
+    for watch, stepped in (("", True), ('[[watch]]\nbetween = ["alice", "bob"]\n', False)):
+        policy.write_text(f'default = "allow"\n{watch}')
+        chosen = pace(policy=str(policy))
+        assert (chosen.stepped, "[[watch]]" in chosen.reason) == (stepped, not stepped)
 
 
 class Own(SdcTopo):
