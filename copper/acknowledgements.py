@@ -28,7 +28,7 @@ def message_bytes(frame: bytes) -> int:
 
 
 class Acknowledgements:
-    """What has entered cables, until it is acknowledged."""
+    """Segments that have entered cables, until they are acknowledged."""
 
     def __init__(self) -> None:
         # By the end of a cable, and addresses and ports: the numbers behind the last octets.

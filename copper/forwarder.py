@@ -41,7 +41,7 @@ ADDRESSES = {IPV4: (slice(26, 30), slice(30, 34)), ARP: (slice(28, 32), slice(38
 class Software:
     """The software at the end of a cable: when it has handled the messages that have arrived.
 
-    What is drawn follows from the instant: no other message takes its place.
+    Draws follow from the instant: no other message takes their place.
     """
 
     def __init__(self, text: str, seed: str, since_ns: int = 0) -> None:

@@ -14,13 +14,14 @@ from described import Flat, changes, configurations, flat, folder, options
 from test_physical_settings import FIBER, FIBERS, HOSTS, another, text
 
 from qmn.network.options import NetworkOptions
+from topologies.system.processes.programs import ROOT
 from wire.parameters.network import ControllerSettings, DispatcherSettings
 
 OPTIONS = {each.name: each for each in fields(NetworkOptions) if "help" in each.metadata}
 FILE = str(Path(__file__).resolve())
 TEXTS = {
     "sabot": FILE,
-    "policy": FILE,
+    "policy": str(ROOT / "controller_apps/policy/deny.toml"),
     "rest": "127.0.0.1:0",
     "apps": "ryu.app.ofctl_rest",
     "length_km": "2.5",
