@@ -45,3 +45,25 @@ def test_a_relay_ends_if_the_near_end_resets_and_the_far_end_closes_later(loop: 
 
     with asyncio.Runner(loop_factory=loop) as runner:
         runner.run(scene())
+
+
+def test_what_was_read_before_the_far_end_was_reached_comes_first() -> None:
+    async def scene() -> bytes:
+        heard: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
+
+        async def far(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            heard.set_result(await reader.read())
+            writer.close()
+
+        server = await asyncio.start_server(far, "127.0.0.1", 0)
+        place = server.sockets[0].getsockname()
+        own, client = socket.socketpair()
+        with client:
+            near = await asyncio.open_connection(sock=own)
+            client.sendall(b" world")
+            client.shutdown(socket.SHUT_WR)
+            async with server, asyncio.timeout(SOON_S):
+                await relay(lambda: asyncio.open_connection(*place), near, b"hello")
+                return await heard
+
+    assert asyncio.run(scene()) == b"hello world"

@@ -28,6 +28,19 @@ def test_a_message_is_these_bytes() -> None:
     assert received(GOLDEN) == (HEADER, b"\x00\x01\x02")
 
 
+@pytest.mark.parametrize("cut", range(1, len(GOLDEN)))
+def test_a_message_that_is_cut_anywhere_is_read_whole(cut: int) -> None:
+    async def read() -> object:
+        reader = asyncio.StreamReader()
+        reader.feed_data(GOLDEN[:cut])
+        reading = asyncio.create_task(receive(reader))
+        await asyncio.sleep(0)
+        reader.feed_data(GOLDEN[cut:])
+        return await reading
+
+    assert asyncio.run(read()) == (HEADER, b"\x00\x01\x02")
+
+
 @pytest.mark.parametrize("data", [b"", b"[]", b"1", b"{", b"\xff", b"[" * 100_000])
 def test_a_header_that_is_no_object_is_refused(data: bytes) -> None:
     with pytest.raises(MalformedPacket):
