@@ -10,8 +10,8 @@ from dataclasses import MISSING, Field, fields
 from typing import Any
 
 from qmn.__main__ import described
-from qmn.completion import help_parsers
 from qmn.results.schema import json_schema
+from views.completion import help_parsers
 from wire.parameters.fiber import FiberOptics
 from wire.parameters.option import unit_of
 from wire.parameters.physics import Device

@@ -6,9 +6,9 @@ from dataclasses import fields
 import pytest
 
 from qmn.__main__ import VERBS, described
-from qmn.completion import help_parsers
 from qmn.results.run_result import RunResult
 from views import reference
+from views.completion import help_parsers
 from wire.parameters.fiber import FiberOptics
 from wire.parameters.option import unit_of
 from wire.parameters.physics import Detectors, Device, Memory
