@@ -47,6 +47,9 @@ def require_patience(network: QuantumNetwork) -> None:
     words = "--bare", "--columns=inactivity_probe", "list", "Controller"
     probes = network.net.get("s1").vsctl(*words).split()
     assert probes == ["60000", "60000"]
+    # tcp(7): after 5 a host resets a connection whose first data c0 still holds.
+    retries = network.net.get("alice").cmd("cat /proc/sys/net/ipv4/tcp_synack_retries")
+    assert int(retries) == 30
 
 
 def test_a_quantum_switch_that_is_cut_off_gets_no_paths_until_it_is_back() -> None:

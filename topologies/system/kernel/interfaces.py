@@ -54,6 +54,7 @@ STEPPED_TCP = {
     "tcp_autocorking": 0,
     "tcp_tso_win_divisor": 255,
     "tcp_wmem": "4096 65536 65536",
+    "tcp_synack_retries": 30,  # 5 end after 31 s of the wall, which c0 may hold what they wait for
 }
 # A question stays until it is answered, and an answer for good.
 STEPPED_ARP = {"retrans_time_ms": 100_000, "base_reachable_time_ms": 1_000_000_000}
