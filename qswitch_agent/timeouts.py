@@ -16,5 +16,6 @@ TELEMETRY_LEAST_S = 0.1  # the shortest that it can say
 # Optics
 CONDITION_DEADLINE_S = 15.0  # until the hardware has reported its condition, as a network starts
 CALL_DEADLINE_S = 4.0  # until the hardware has executed a command
+STEPPED_DEADLINE_S = 60.0  # the same of simulated hardware, while the network's time stands
 SCPI_POLL_S = 1.0  # between two questions for values that an instrument does not report
 IDLE_POLL_S = 0.25  # between two looks for light paths that carry nothing

@@ -22,14 +22,14 @@ from qswitch_agent.hardware.optics import (
     Readings,
     Tuning,
 )
-from qswitch_agent.timeouts import CALL_DEADLINE_S
+from qswitch_agent.timeouts import CALL_DEADLINE_S, STEPPED_DEADLINE_S
 from wire import dispatcher_pb2 as messages
 from wire import dispatcher_service
 from wire.analyser_frames import AnalyserFrame, Emission, End, MemoryCounts
 from wire.dispatcher_pb2 import CrossConnectOutcome, CrossConnectRequest
 from wire.dispatcher_service import cross_connects_socket
 from wire.malformed import MalformedPacket
-from wire.network_time import REAL_TIME, LinkCounts, NetworkTime
+from wire.network_time import REAL_TIME, LinkCounts, NetworkTime, SteppedTime
 
 
 class DispatcherLink:
@@ -154,11 +154,11 @@ class SimulatedSwitch:
 
     async def _outcome(self, request: messages.CrossConnectRequest) -> messages.CrossConnectOutcome:
         try:
-            async with asyncio.timeout(self._time.wall_s(CALL_DEADLINE_S)):
+            async with asyncio.timeout(self._time.wall_s(self._deadline_s)):
                 return await self._cross_connects.ask(request)
         except TimeoutError as error:
             late = grpc.StatusCode.DEADLINE_EXCEEDED
-            raise self._meaning(late, f"no outcome in {CALL_DEADLINE_S} s") from error
+            raise self._meaning(late, f"no outcome in {self._deadline_s} s") from error
         except (OSError, EOFError, MalformedPacket) as error:
             raise self._meaning(grpc.StatusCode.UNAVAILABLE, str(error)) from error
 
@@ -182,14 +182,14 @@ class SimulatedSwitch:
                 raise HardwareRefusal(f"port {port} cannot be tuned to {frequency_mhz} MHz")
             request.frequency_mhz = frequency_mhz
         reply = await self._answer(
-            self._tune_port(request, timeout=CALL_DEADLINE_S, metadata=self._metadata)
+            self._tune_port(request, timeout=self._deadline_s, metadata=self._metadata)
         )
         await self._wait_until(reply.ready_ns)
 
     async def read(self) -> Readings:
         request = messages.SwitchStatisticsRequest(switch=self._switch)
         reply = await self._answer(
-            self._statistics(request, timeout=CALL_DEADLINE_S, metadata=self._metadata)
+            self._statistics(request, timeout=self._deadline_s, metadata=self._metadata)
         )
         return _readings(reply, self._time.now_ns())
 
@@ -242,7 +242,7 @@ class SimulatedSwitch:
             rate_hz=emission.rate_hz,
             frequency_mhz=emission.frequency_mhz,
         )
-        call = self._emit(request, timeout=CALL_DEADLINE_S, metadata=self._metadata)
+        call = self._emit(request, timeout=self._deadline_s, metadata=self._metadata)
         await self._answer(call)
 
     async def keep(self, chosen: AnalyserFrame) -> None:
@@ -253,8 +253,12 @@ class SimulatedSwitch:
             first=chosen.first,
             outcomes=chosen.outcomes,
         )
-        call = self._keep(request, timeout=CALL_DEADLINE_S, metadata=self._metadata)
+        call = self._keep(request, timeout=self._deadline_s, metadata=self._metadata)
         await self._answer(call)
+
+    @property
+    def _deadline_s(self) -> float:
+        return STEPPED_DEADLINE_S if isinstance(self._time, SteppedTime) else CALL_DEADLINE_S
 
     async def close(self) -> None:
         self._cross_connects.close()

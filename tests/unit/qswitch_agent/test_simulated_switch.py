@@ -15,6 +15,7 @@ import grpc
 import pytest
 from forked_python import Forked
 from limits import SOON_S
+from stepping import stepping
 
 from dispatcher.build import build_layer
 from dispatcher.clock import NetworkClock
@@ -46,6 +47,7 @@ from wire.dispatcher_pb2 import (
     Step,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
+from wire.network_time import SteppedTime
 from wire.optical import DEFAULT_FREQUENCY_MHZ
 
 PORTS = (1, 2, 3, 4)
@@ -342,6 +344,23 @@ def test_silent_dispatcher_is_a_fault(tmp_path: Path, monkeypatch: pytest.Monkey
 
     with dispatcher_process(tmp_path) as process:
         play(scene())
+
+
+def test_a_busy_dispatcher_is_waited_for_while_time_stands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hardware, "CALL_DEADLINE_S", 0.2)
+
+    async def scene(stepped: SteppedTime) -> None:
+        switch = SimulatedSwitch("q1", str(tmp_path / "ed"), "token of q1", stepped)
+        await switch.read()
+        process.send_signal(signal.SIGSTOP)
+        asyncio.get_running_loop().call_later(0.5, process.send_signal, signal.SIGCONT)
+        await switch.read()
+        await switch.close()
+
+    with dispatcher_process(tmp_path) as process, stepping() as running:
+        play(scene(running.time))
 
 
 def test_absent_dispatcher_is_a_fault(tmp_path: Path) -> None:
