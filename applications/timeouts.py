@@ -15,6 +15,9 @@ LINKS_PERIOD_S = 1.0  # between two reports of key links to the controller
 ROUTE_PAUSE_S = 0.3  # until the controller is asked again by whom keys can go
 ROUTE_TIMEOUT_S = 3.0  # until it has answered
 
+# Interception
+RESENT_TIMEOUT_S = 1.0  # for light that has come to an interceptor; its session may be over
+
 # Processing units
 WANTED_TIMEOUT_S = 120.0  # until both applications want the pairs that one of them has asked for
 FREE_TIMEOUT_S = 60.0  # until others have given back the light that these pairs need

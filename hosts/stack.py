@@ -17,8 +17,6 @@ from hosts.hardware.qnic import Qnic, release
 from hosts.hardware.replies import HardwareError
 from hosts.middleware.device import Device
 from hosts.middleware.services import KINDS, NAMES
-from hosts.middleware.services.interception.interception import Interception
-from hosts.middleware.services.interception.passing import InterceptionOptions
 from hosts.middleware.services.source import check_source, make_pairs
 from hosts.middleware.services.swapping.connections import serve_link
 from hosts.middleware.session.arrangement import Arrangement, Light
@@ -35,7 +33,13 @@ from hosts.middleware.session.values import Lifetimes
 from hosts.serving.active_sessions import ActiveSessions, Verdicts
 from hosts.serving.applications_port import ApplicationsPort
 from hosts.serving.ordered_seals import OrderedSeals
-from hosts.serving.processing import Attending, Sessions, processing_unit
+from hosts.serving.processing import (
+    Attending,
+    Interception,
+    Sessions,
+    interception,
+    processing_unit,
+)
 from hosts.timeouts import ANSWER_TIMEOUT_S
 from wire.config import STANDING, HostConfig
 from wire.features import HERALD
@@ -135,10 +139,8 @@ class Stack:
 
     def intercept(self, fields: dict[str, Any]) -> Interception:
         """Prepare an interception; raise SessionError for what cannot be asked."""
-        options = InterceptionOptions.from_fields(fields)
-        config = self._config
-        qnic = self._resources.at(options.wavelength_pm).qnic
-        return Interception(qnic, options, config.seed, config.name, config.memory_qubits)
+        resources = self._resources
+        return interception(self._config, lambda pm: resources.at(pm).qnic, fields)
 
     def takes_part(self, session: int) -> bool:
         return session in self.active_sessions.sessions or self.swaps.opens(session)

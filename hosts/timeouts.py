@@ -27,7 +27,6 @@ KEY_GRACE_S = 1.0  # the same, from when its last photon is due to be measured
 ARRIVED_TIMEOUT_S = 0.1  # for light that the other end reports as sent
 OUTCOME_TIMEOUT_S = 0.02  # the same, where its measurement was ordered: its outcome is on its way
 EXPECTED_TIMEOUT_S = 10.0  # for light that nobody has announced
-RESENT_TIMEOUT_S = 1.0  # for light that has come to an interceptor; its session may be over
 ANALYSER_TIMEOUT_S = (
     10.0  # until a switch reports an outcome, 5 s of them for the light of the other end
 )

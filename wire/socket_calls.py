@@ -31,7 +31,7 @@ WATCH {session, history} -> of this host alone, for as long as this socket; sess
                         <-  DONE, then EVENT record (wire.events) …
 
 application                 stack
-INTERCEPT {fraction, …} ->  of the light that comes to this host's first fibre
+INTERCEPT {attack, …}   ->  of the light that comes to this host's first fibre
                         <-  DONE, then RESULT {…} for each block that was sent on
 CLOSE                   ->
                         <-  CLOSE {summary}
@@ -56,6 +56,7 @@ from wire.malformed import MalformedPacket
 
 HEADER = struct.Struct("!BI")
 MAX_PAYLOAD = 1 << 20
+RESEND, SPLIT = ATTACKS = ("resend", "split")  # of INTERCEPT
 
 
 class Call(IntEnum):

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from applications.interception import attacks
 from applications.qkd.decoy import SHARES, Decoys, Sifted, bounds
 from applications.qkd.key_length import asymptotic_fraction, binary_entropy
 from dispatcher.sabot.backend import Bytes
@@ -26,7 +27,6 @@ from evidence.curves.experiment import Outcome
 from evidence.curves.link import TESTED, Way, blocks, fiber, network
 from evidence.curves.parameters import Point
 from evidence.laboratory import Laboratory, LaboratoryHost
-from hosts.middleware.services.interception import attacks
 from wire.outcomes import NO_CLICK
 from wire.parameters.fiber import Fiber
 from wire.parameters.physics import Detectors, Device, PairSource

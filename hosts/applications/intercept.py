@@ -19,6 +19,7 @@ from hosts.applications.carrying import say
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from programs.faults import report_fault
+from wire.socket_calls import ATTACKS, RESEND, SPLIT
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
@@ -34,7 +35,7 @@ class Attack:
     @property
     def options(self) -> dict[str, Any]:
         losses = {"expected_db": self.expected_db, "onward_db": self.onward_db}
-        return {"attack": self.attack, **(losses if self.attack == "split" else {})}
+        return {"attack": self.attack, **(losses if self.attack == SPLIT else {})}
 
 
 def intercept(attack: Attack) -> None:
@@ -59,7 +60,7 @@ def main() -> int:
         prog="python -m hosts.applications.intercept", description=__doc__
     )
     parser.add_argument("--stack", help="socket of this host's stack (QMN_STACK)")
-    parser.add_argument("--attack", choices=("resend", "split"), default="resend", help="(resend)")
+    parser.add_argument("--attack", choices=ATTACKS, default=RESEND, help="(resend)")
     text = "split: loss from here to a click, as both ends expect it (0)"
     parser.add_argument("--expected-db", type=float, default=0.0, metavar="DB", help=text)
     text = "split: the same as it is, by the way that this host has (0)"

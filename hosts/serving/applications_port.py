@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from hosts.hardware.replies import HardwareError
-from hosts.middleware.services.interception.interception import Interception
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.session import OpeningSession
 from hosts.serving.opened_session import (
@@ -27,7 +26,7 @@ from hosts.serving.opened_session import (
     stopped,
     unless_gone,
 )
-from hosts.serving.processing import Attending, ProcessingUnit
+from hosts.serving.processing import Attending, Interception, ProcessingUnit
 from wire.malformed import MalformedPacket
 from wire.metadata.vocabulary import Reason
 from wire.socket_calls import HEADER, Call, decode_fields, encode, encode_fields

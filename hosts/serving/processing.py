@@ -1,10 +1,11 @@
-"""The door for a processing unit, which a package registers by an entry point of GROUP.
+"""The doors for a processing unit and for an interception, which packages register by entry points.
 
-The entry point names a function of Begin's form. A host without a unit refuses PROCESS.
+They name functions of the forms Begin and Prepare. A host without a unit refuses PROCESS, a host
+without an interception INTERCEPT.
 """
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from importlib.metadata import entry_points
@@ -12,11 +13,14 @@ from typing import Any, Protocol
 
 from hosts.hardware.qnic import Qnic
 from hosts.middleware.session.ends import Answerer
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.session import Application, OpeningSession
 from wire.config import HostConfig
+from wire.metadata.vocabulary import Reason
+from wire.results.figures import EveFigures
 
-GROUP = "qmn.processing_units"
-REGISTERED = entry_points(group=GROUP)
+REGISTERED = entry_points(group="qmn.processing_units")
+INTERCEPTIONS = entry_points(group="qmn.interceptions")
 
 
 class Attending(Application, Protocol):
@@ -56,9 +60,23 @@ class ProcessingUnit(Protocol):
 Begin = Callable[[HostConfig, Qnic, Sessions, Callable[[], int]], ProcessingUnit]
 
 
+class Interception(Protocol):
+    """An attack on the light that goes by way of this host."""
+
+    @property
+    def summary(self) -> EveFigures:
+        """Counts so far."""
+
+    async def run(self, tell: Callable[..., Awaitable[None]]) -> None:
+        """Go on until cancelled; tell of each block. Raise HardwareError if it cannot go on."""
+
+
+Prepare = Callable[[HostConfig, Callable[[int], Qnic], dict[str, Any]], Interception]
+
+
 def preload() -> None:
     """Import what is registered; the fork server does so once for all hosts."""
-    for entry in REGISTERED:
+    for entry in (*REGISTERED, *INTERCEPTIONS):
         entry.load()
 
 
@@ -71,3 +89,18 @@ def processing_unit(
     (entry,) = REGISTERED
     begin: Begin = entry.load()
     return begin(config, qnic, sessions, new_session)
+
+
+def interception(
+    config: HostConfig, qnic_at: Callable[[int], Qnic], fields: dict[str, Any]
+) -> Interception:
+    """Prepare what an application asks for; raise SessionError if it cannot be had.
+
+    `qnic_at` returns the QNIC that sends at a wavelength (pm).
+    """
+    if not INTERCEPTIONS:
+        text = "this host attacks no light: install the package applications"
+        raise SessionError(Reason.UNSUPPORTED, text)
+    (entry,) = INTERCEPTIONS
+    prepare: Prepare = entry.load()
+    return prepare(config, qnic_at, fields)

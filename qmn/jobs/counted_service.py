@@ -9,7 +9,6 @@ from typing import NamedTuple
 from rich.console import Console
 
 from controller_apps.policy.schedules import PARALLEL
-from hosts.middleware.services.interception.passing import SPLIT
 from hosts.middleware.services.switch_swap import MOST_SWITCHES, SwapOptions
 from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.session.errors import SessionError
@@ -36,6 +35,7 @@ from wire.metadata.vocabulary import Service
 from wire.parameters.checks import remedy
 from wire.parameters.physics import BEAM_SPLITTER, Device
 from wire.services import PREPARED, is_relayed, used_parts, uses_source
+from wire.socket_calls import SPLIT
 
 PARTS = "analysers=1", "memories=2", "sources=1"  # of a switch that swaps, for --switch
 SWAPPING = "chain"  # the topology whose switches swap, with these parts

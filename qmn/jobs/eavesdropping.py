@@ -8,7 +8,6 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
-from hosts.middleware.services.interception.passing import RESEND, SPLIT
 from programs.shortest_paths import Distances, shortest
 from qmn.network.description import NetworkDescription
 from qmn.network.options import NetworkOptions
@@ -23,6 +22,7 @@ from wire.results.figures import EveFigures, Figures
 from wire.results.run_result import ServiceJob
 from wire.results.time_series import fields_of
 from wire.services import beams
+from wire.socket_calls import RESEND, SPLIT
 
 EVE = "eve"
 TOPOLOGY = "tapped"  # that has her

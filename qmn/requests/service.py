@@ -7,7 +7,6 @@ from typing import Any
 from controller_apps.policy.schedules import PARALLEL, SCHEDULES
 from hosts.middleware.services import NAMES
 from hosts.middleware.services.ghz.options import GhzOptions
-from hosts.middleware.services.interception.passing import ATTACKS, RESEND
 from hosts.middleware.session.options import ServiceOptions
 from qmn.network.options import NetworkOptions
 from qmn.options import from_keywords
@@ -15,6 +14,7 @@ from qmn.requests.run_options import RunOptions
 from qmn.requests.service_verbs import SERVICE_PORT, Verb, verb_of
 from wire.device import MAX_LEVEL_ROUNDS
 from wire.parameters.option import option, recorded_as
+from wire.socket_calls import ATTACKS, RESEND
 
 
 @dataclass(frozen=True, kw_only=True)

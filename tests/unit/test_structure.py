@@ -184,12 +184,16 @@ def test_the_machinery_of_networks_knows_no_topology_by_name() -> None:
 
 
 SERVICES = "hosts/middleware/services"
-ROOMS = "conference", "graph_states", "key_distribution", "qkd", "sealing", "sensing"
+ROOMS = (
+    *("conference", "graph_states", "interception", "key_distribution", "qkd", "sealing"),
+    "sensing",
+)
 AROUND = [f"applications/{name}" for name in ROOMS]
 # What carries out what protocols order; whatever else a service has is a protocol.
 CARRIERS = {
     "applications/conference/conference.py",
     "applications/graph_states/ends.py",
+    "applications/interception/interception.py",
     "applications/key_distribution/key_handout.py",
     "applications/key_distribution/session.py",
     "applications/qkd/dissection.py",
@@ -199,7 +203,6 @@ CARRIERS = {
     "applications/sensing/ends.py",
     f"{SERVICES}/distribution/distribute.py",
     f"{SERVICES}/ghz/connections.py",
-    f"{SERVICES}/interception/interception.py",
     f"{SERVICES}/superdense/superdense.py",
     f"{SERVICES}/swapping/connections.py",
     f"{SERVICES}/swapping/swap.py",

@@ -3,27 +3,22 @@
 from dataclasses import dataclass, field
 from typing import Any
 
+from applications.interception.attacks import Attack, InterceptResend, PhotonSplitting, Way
+from applications.timeouts import RESENT_TIMEOUT_S
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import NoLight, Received
-from hosts.middleware.services.interception.attacks import (
-    Attack,
-    InterceptResend,
-    PhotonSplitting,
-    Way,
-)
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import MAX_RATE_HZ, Options
 from hosts.middleware.session.protocol import Steps, do
-from hosts.timeouts import RESENT_TIMEOUT_S
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason
 from wire.optical import WAVELENGTHS_PM
 from wire.results.figures import EveFigures
+from wire.socket_calls import ATTACKS, RESEND, SPLIT
 
 FIBERS = 2
 MAX_DB = 1_000.0
-RESEND, SPLIT = ATTACKS = ("resend", "split")
 
 
 @dataclass(frozen=True)

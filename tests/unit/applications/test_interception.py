@@ -18,15 +18,18 @@ from forked_python import Forked
 from limits import SOON_S
 from stacks_scene import accepted, live_qubits, network, requested
 
+from applications.interception.passing import rate_of
 from applications.qkd.alice import Alice
 from applications.qkd.bob import Bob
 from applications.qkd.sifting import Known
 from hosts import network_loop
 from hosts.hardware.replies import Received
-from hosts.middleware.services.interception.passing import rate_of
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import MAX_RATE_HZ
 from hosts.service_socket import ServiceSocket
+from hosts.serving import processing
 from hosts.stack_socket import QuantumSocketError
+from wire.config import HostConfig
 from wire.outcomes import NO_CLICK
 
 BY_EVE = {"bb84": [(1, 6), (7, 2)], "bbm92": [(4, 1), (5, 6), (7, 2)]}
@@ -240,3 +243,10 @@ def test_light_is_sent_on_as_fast_as_it_came() -> None:
     assert rate_of(Received(1001, 5_000, 1_005_000)) == 1_000_000
     assert rate_of(Received(1, 5_000, 5_000)) == MAX_RATE_HZ
     assert rate_of(Received(2, 0, 10**12)) == 1
+
+
+def test_a_host_without_the_package_refuses(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(processing, "INTERCEPTIONS", ())
+    config = HostConfig("eve", "10.0.0.5", [], "", "", "", "", "", seed=1)
+    with pytest.raises(SessionError, match="install the package applications"):
+        processing.interception(config, lambda _pm: pytest.fail("no QNIC is needed"), {})

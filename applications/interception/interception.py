@@ -6,10 +6,12 @@ It sends no messages: the attacker needs no session, only light that arrives.
 """
 
 from collections.abc import Awaitable, Callable
+from typing import Any
 
+from applications.interception.passing import InterceptionOptions, Passing
 from hosts.hardware.qnic import Qnic
-from hosts.middleware.services.interception.passing import InterceptionOptions, Passing
 from hosts.middleware.session.performing import Performer
+from wire.config import HostConfig
 from wire.results.figures import EveFigures
 
 Tell = Callable[..., Awaitable[None]]
@@ -42,3 +44,12 @@ class Interception:
                     await tell(**seen)
         finally:
             await self._performer.perform(self._passing.attack.end())
+
+
+def prepare(
+    config: HostConfig, qnic_at: Callable[[int], Qnic], fields: dict[str, Any]
+) -> Interception:
+    """Return the interception that these fields describe; raise SessionError if it cannot be."""
+    options = InterceptionOptions.from_fields(fields)
+    qnic = qnic_at(options.wavelength_pm)
+    return Interception(qnic, options, config.seed, config.name, config.memory_qubits)

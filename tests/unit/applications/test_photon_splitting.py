@@ -14,11 +14,11 @@ from limits import SOON_S
 from numpy.typing import NDArray
 from stacks_scene import live_qubits, network, requested
 
+from applications.interception.attacks import Way
 from applications.qkd.alice import Alice
 from applications.qkd.bob import Bob
 from applications.qkd.sifting import Announced, Known, Record
 from hosts import network_loop
-from hosts.middleware.services.interception.attacks import Way
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.parameters.physics import Detectors, Device, Memory, PairSource
