@@ -9,6 +9,7 @@ from typing import Any
 from controller_apps.console.views import light_view, name_of, request_view
 from controller_apps.devices.hosts_state import Place
 from controller_apps.light.paths import Network, switches
+from controller_apps.packets.datagrams import is_announcement
 from controller_apps.packets.segments import FiveTuple, is_without_data
 from controller_apps.record import PortLines, Record
 from controller_apps.sessions.actions import Drop, Note
@@ -35,16 +36,19 @@ class Journal:
         self._time = time
         self._record, self._network, self._sessions = record, network, sessions
         self._lines, self._logger, self._clock = PortLines(logger), logger, clock
-        self.packet_in_count = 0
+        self.packet_ins = 0
+        self.packet_in_count = 0  # of these, of what runs in the network
         self.copied = False  # whether quantum switches get copies of set-up messages
         self.dropped: Counter[str] = Counter()  # by cause
 
     def packet_came(self, frame: bytes) -> None:
-        """Count a packet, unless it came while the network started and stepped time did not.
+        """Count a packet; apart, what sessions and hosts send once time has begun.
 
-        TCP segments without data do not count: how many there are follows the wall.
+        How many segments without data there are, and announcements, follows the wall.
         """
-        self.packet_in_count += self._time.has_begun and not is_without_data(frame)
+        self.packet_ins += 1
+        follows_wall = is_announcement(frame) or is_without_data(frame)
+        self.packet_in_count += self._time.has_begun and not follows_wall
 
     def time_passed(self) -> None:
         self._lines.time_passed(self._clock())

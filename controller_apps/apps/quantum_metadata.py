@@ -107,7 +107,8 @@ class QuantumMetadata(App):
         self.arbiter = _arbiter(self.network, config)
         sessions = self.arbiter.sessions
         # Open vSwitch counts it, on the wall clock.
-        bypass_timeout_s = min(round(config.time.wall_s(config.idle_timeout_s)), 0xFFFF)
+        idle_s = min(round(config.time.wall_s(config.idle_timeout_s)), 0xFFFF)
+        bypass_timeout_s = config.time.switch_timeout_s(idle_s)
         trunks = config.trunks if config.metadata_at_switch != OFF else []
         self.switches = Switches(frozenset(names), mac_table, bypass_timeout_s, trunks)
         self.journal = Journal(

@@ -92,7 +92,7 @@ class CurrentMetrics(Collector):
         yield CounterMetricFamily(
             "qmn_packet_ins",
             "Packets that switches have sent up.",
-            self._facts.quantum.journal.packet_in_count,
+            self._facts.quantum.journal.packet_ins,
         )
 
 

@@ -5,9 +5,11 @@ from dataclasses import dataclass
 from ipaddress import IPv4Address
 
 from controller_apps.packets.segments import ETHERNET_LENGTH, checksum
+from wire.device import DEVICE_PORT
 from wire.malformed import MalformedPacket
 
 IP_UDP = 17
+LLDP = b"\x88\xcc"  # EtherType
 TTL = 64
 CONTROLLER_MAC = bytes.fromhex("02514d000001")  # locally administered
 _IP = struct.Struct("!BBHHHBBH4s4s")
@@ -73,3 +75,13 @@ def is_udp(frame: bytes) -> bool:
     """Tell whether a frame says that it carries UDP over IPv4."""
     version_4 = b"\x45" <= frame[14:15] <= b"\x4f"  # with a header of 20 to 60 bytes
     return frame[12:14] == b"\x08\x00" and version_4 and frame[23:24] == b"\x11"
+
+
+def is_announcement(frame: bytes) -> bool:
+    """Tell whether a frame is LLDP, or an agent's announcement of its node."""
+    if frame[12:14] == LLDP:
+        return True
+    try:
+        return Frame.decode(frame).destination_port == DEVICE_PORT
+    except MalformedPacket:
+        return False

@@ -6,7 +6,7 @@ import pytest
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 
-from controller_apps.packets.datagrams import Frame, is_udp
+from controller_apps.packets.datagrams import Frame, is_announcement, is_udp
 from wire.malformed import MalformedPacket
 
 FRAME = Frame(
@@ -73,3 +73,17 @@ def test_other_traffic_is_not_taken_for_datagrams() -> None:
     assert not is_udp(bytes(Ether(type=0x9999) / bytes(60)))
     assert not is_udp(bytes(Ether() / IP(proto=6) / bytes(20)))
     assert not is_udp(b"")
+
+
+@pytest.mark.parametrize(
+    ("frame", "announces"),
+    [
+        (Ether(type=0x88CC) / b"\2\7\4", True),  # LLDP
+        (Ether() / IP() / UDP(dport=9012), True),
+        (Ether() / IP() / UDP(sport=9012), False),
+        (Ether(type=0x88B5) / b"QMNA", False),
+        (Ether() / IP(proto=6) / (b"\0" * 20), False),
+    ],
+)
+def test_announcements_are_lldp_and_what_agents_send(frame: Ether, announces: bool) -> None:
+    assert is_announcement(bytes(frame)) is announces
