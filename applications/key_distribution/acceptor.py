@@ -13,6 +13,7 @@ from uuid import UUID
 from applications.key_distribution.light import detected, detecting, record_of, with_tests
 from applications.key_distribution.summary import Progress, so_far
 from applications.key_distribution.under_way import MAX_UNDER_WAY, Cutter, KeysUnderWay, Store
+from applications.measured_light import measured, measuring, random_bases
 from applications.qkd.alice import Alice
 from applications.qkd.bob import Bob
 from applications.qkd.end import State
@@ -28,7 +29,6 @@ from applications.qkd.parameters import Parameters
 from applications.qkd.sifting import Announced, Clicks, Record
 from applications.timeouts import KEYS_TIMEOUT_S
 from hosts.hardware.replies import Symbols
-from hosts.middleware.services.measured_light import measured, measuring, random_bases
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import (
     Concurrently,

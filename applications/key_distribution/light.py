@@ -4,6 +4,7 @@ from math import ceil
 
 import numpy as np
 
+from applications.measured_light import turned_back
 from applications.qkd.bell_test import BellOutcomes
 from applications.qkd.decoy import SHARES
 from applications.qkd.messages import MAX_KEY_BITS, MAX_PHOTONS
@@ -11,7 +12,6 @@ from applications.qkd.sifting import Clicks, Prepared, Record
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
-from hosts.middleware.services.measured_light import turned_back
 from hosts.middleware.session.protocol import (
     Collect,
     Emit,

@@ -22,12 +22,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from applications.key_distribution.acceptor import BlockOfLight, Introduced, out_of_turn
+from applications.measured_light import random_bases
 from applications.qkd.decoy import LEVELS, SHARES
 from applications.qkd.sifting import Record
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
-from hosts.middleware.services.measured_light import random_bases
 from hosts.middleware.services.source import relayed_blocks
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import (

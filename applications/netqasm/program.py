@@ -22,11 +22,11 @@ from netqasm.sdk.config import LogConfig
 from applications.netqasm.external import installed
 from applications.netqasm.outcomes import plain
 from applications.netqasm.placement import Placement
+from applications.netqasm.process_time import counting
 from applications.netqasm.ranks import counts
 from hosts.applications.carrying import say
 from hosts.applications.service import clock_of, ended_well
 from hosts.stack_socket import QuantumSocketError
-from programs.process_time import counting
 
 Main = Callable[..., Any]
 

@@ -19,6 +19,7 @@ from netqasm.sdk.classical_communication.socket import Socket as BaseSocket
 
 from applications.netqasm.outcomes import resolved
 from applications.netqasm.placement import Placement
+from applications.netqasm.process_time import ready
 from applications.netqasm.text_format import (
     GREETING,
     MAX_BYTES,
@@ -31,7 +32,6 @@ from applications.netqasm.text_format import (
 )
 from applications.timeouts import GREETING_TIMEOUT_S, JOIN_TIMEOUT_S, TEXT_PAUSE_S, TEXT_TIMEOUT_S
 from programs.connection_shares import NO_FILES
-from programs.process_time import ready
 from wire.malformed import MalformedPacket
 
 MOST_JOINED = 256  # connections that no socket has taken up yet

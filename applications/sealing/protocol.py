@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from applications.measured_light import measured, measuring, random_bases, turned_back
 from applications.sealing.sequential_test import Question, SequentialTest
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
-from hosts.middleware.services.measured_light import measured, measuring, random_bases, turned_back
 from hosts.middleware.session.blocks import LOST
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_COUNT, MAX_RATE_HZ, ServiceOptions

@@ -5,8 +5,8 @@ import pytest
 
 from applications.key_distribution.light import next_photons
 from applications.key_distribution.under_way import PIECE_BYTES, Cutter, in_envelopes
+from applications.measured_light import turned_back
 from applications.qkd.messages import MAX_KEY_BITS, MAX_PHOTONS, MAX_PULSES, Disclosed, unsealed
-from hosts.middleware.services.measured_light import turned_back
 from wire.malformed import MalformedPacket
 from wire.outcomes import NO_COINCIDENCE, Pauli
 

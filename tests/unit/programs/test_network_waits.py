@@ -9,7 +9,6 @@ import pytest
 from stepping import SINCE_NS, Stepping, stepping
 
 from programs.network_waits import NetworkWaits
-from programs.process_time import counting
 from wire.network_time import NetworkTime
 
 HOUR_NS = 3_600 * 10**9
@@ -61,14 +60,3 @@ def test_paced_waits_take_as_many_times_longer_as_the_scale_says() -> None:
     with NetworkWaits(NetworkTime(50.0)) as waits:
         waits.sleep(0.001)
     assert time.monotonic() - began_s >= 0.05
-
-
-def test_pauses_of_python_itself_are_the_networks_while_a_program_counts_its_time(
-    gate: Stepping,
-) -> None:
-    before_s = time.monotonic()
-    with counting(gate.time):
-        time.sleep(3_600)
-        assert time.monotonic() == 3_600
-        assert time.time() == (SINCE_NS + HOUR_NS) / 1e9
-    assert time.monotonic() - before_s < 60
