@@ -12,7 +12,7 @@ import shtab
 
 from qmn.__main__ import described
 from qmn.parser import Parser, listed
-from qmn.results.named_run import RUNS
+from views.archive.named_run import RUNS
 
 RUN = {
     "bash": "_qmn_runs",

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TextIO, cast
 
 from evidence.replay.replay import NamesCode, replay
-from qmn.results.named_run import add_run
+from views.archive.named_run import add_run
 from wire.dispatcher_record import BadRecord, has_ended
 
 RECORD = "dispatcher.record"

@@ -5,12 +5,12 @@ from pathlib import Path
 from rich.console import Console
 
 from qmn.results import result
-from qmn.results.fiber_use import fiber_use, shares, span_of
 from qmn.results.result import print_rows, rows_of_every_run
 from qmn.results.run_result import RunResult
 from qmn.results.service_result import number_text, rows
 from topologies.system.runs.runtime import EVENT_CAPTURE
 from views.events.event_sources import recorded
+from views.fiber_use import fiber_use, shares, span_of
 from wire.results.figures import LoadFigures
 from wire.results.run_result import Load, LoadJob
 

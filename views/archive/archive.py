@@ -9,9 +9,9 @@ import zlib
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from qmn.results.named_run import is_name
 from qmn.results.run_folder import PRIVATE, REPORT, give, give_tree
 from topologies.networks.disk import has_room
+from views.archive.named_run import is_name
 from views.archive.shared_copy import FILE_MODE, CannotShare, share
 from views.dissection.dissectors import PROTOCOL, SCRIPT
 from wire.results.run_result import RESULT

@@ -16,9 +16,9 @@ from typing import Any
 
 from qmn.network.options import NetworkOptions
 from qmn.requests.kinds import KEPT, job_of
-from qmn.results.named_run import is_run, stamp_of
 from qmn.results.run_folder import give
 from qmn.running.network import left_of_killed
+from views.archive.named_run import is_run, stamp_of
 from wire.malformed import MalformedPacket
 from wire.results import schema
 from wire.results.run_result import BEGUN, RESULT, Head, Parameter

@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 from html import escape
 
-from qmn.results.fiber_use import fiber_use
 from qmn.results.timeline import TIMELINE
+from views.fiber_use import fiber_use
 from views.report import charts, error_counts
 from views.report.bloch_diagram import bloch_diagram
 from views.report.chain_diagram import MOST_NODES, chain_diagram, chain_of

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
-from qmn.results.fiber_use import Use
+from views.fiber_use import Use
 from views.report import drawing
 from views.report.drawing import BAD, METADATA, QUANTUM
 from wire.results.run_result import ACCEPTED, Load, LoadSession

@@ -14,9 +14,9 @@ from typing import Any
 
 from qmn.needs import Needs
 from qmn.options import add_options, read
-from qmn.results.named_run import add_run
 from qmn.running.network import KILLED, announced_network, dispatcher_of_running_network
 from topologies.system.processes.programs import NetworkError
+from views.archive.named_run import add_run
 from views.live.address import Place, place_given, say, until_a_signal
 from views.live.handshakes import drawn_handshake
 from views.live.layout import described

@@ -4,7 +4,7 @@ import argparse
 import sys
 from typing import Any
 
-from qmn.results.named_run import add_run
+from views.archive.named_run import add_run
 from views.report.report_file import NoReport, made_report
 
 

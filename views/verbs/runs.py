@@ -22,13 +22,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from qmn.results.named_run import RUNS, UnknownRun, find_run
 from qmn.running.controller_console import wide_console
 from qmn.running.network import announced_folders
 from qmn.running.tables import counted, table
 from views.archive import comparison as run_comparison
 from views.archive.archive import BadArchive, exported, imported
 from views.archive.index import BEGAN, Run, runs_in
+from views.archive.named_run import RUNS, UnknownRun, find_run
 from views.archive.shared_copy import CannotShare, share
 from wire.malformed import MalformedPacket
 

@@ -14,10 +14,10 @@ from typing import Any
 from hosts.quantum_socket import STACK_VARIABLE
 from qmn.needs import Needs
 from qmn.options import read
-from qmn.results.named_run import add_run
 from qmn.running.network import dispatcher_of_running_network
 from topologies.system.processes.programs import NetworkError
 from topologies.system.runs.runtime import EVENT_CAPTURE
+from views.archive.named_run import add_run
 from views.events.event_sources import attached, recorded, single, through_stack
 from views.events.unread_events import dropped
 from wire.dispatcher_pb2 import Event, WatchRequest

@@ -9,9 +9,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from qmn.results.named_run import add_run
 from qmn.results.run_folder import PRIVATE, give, give_tree
 from qmn.results.timeline import TIMELINE, NoCaptures, merge
+from views.archive.named_run import add_run
 from views.dissection.dissectors import install, search_path
 from wire.malformed import MalformedPacket
 

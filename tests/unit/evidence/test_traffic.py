@@ -23,7 +23,7 @@ from hosts.middleware.services import NAMES
 from qmn.__main__ import described
 from qmn.network.description import describe_network
 from qmn.options import BadInput, read
-from qmn.results.fiber_use import fiber_use, shares, span_of
+from views.fiber_use import fiber_use, shares, span_of
 from views.report.waits_diagram import waited
 from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import Event

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from qmn.__main__ import described
-from qmn.results.named_run import UnknownRun, find_run
+from views.archive.named_run import UnknownRun, find_run
 
 OLD, NEW = "20260101T100000-chain", "20260301T100000-chain-1"
 OTHER = "20260401T120000-sdc"
