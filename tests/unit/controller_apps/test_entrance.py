@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from limits import SOON_S
 
-from controller_apps.tls.entrance import Entrance, Impostor, SwitchMessages
+from controller_apps.tls import Entrance, Impostor, SwitchMessages
 from topologies.system.certificates.authority import CertificateAuthority
 from topologies.system.runs.runtime import free_port
 from wire.config import EntranceConfig

@@ -1,4 +1,6 @@
-"""The controller's entrance for TLS: switches with a certificate of the run, each as itself.
+"""The controller's entrance for TLS: `python -m controller_apps.tls --config FILE`.
+
+Switches come in with a certificate of the run, each as itself.
 
     switch === TLS === entrance --- TCP, loopback of c0's namespace --- Ryu or os-ken
 
@@ -9,15 +11,21 @@ datapath id comes with, and both read and write one TLS connection from two thre
 import asyncio
 import contextlib
 import logging
+import signal
 import socket
 import struct
+import sys
 from asyncio import StreamReader, StreamWriter
 from collections.abc import Collection, Coroutine
 from typing import Any
 
+import uvloop
+
 from controller_apps.timeouts import CONNECT_TIMEOUT_S
+from programs.config_argument import config_path
 from programs.connection_shares import StreamServer
-from wire.config import EntranceConfig
+from programs.faults import report_fault
+from wire.config import BadConfig, EntranceConfig
 from wire.credentials import certified_names
 from wire.malformed import MalformedPacket
 
@@ -125,3 +133,31 @@ async def first_end(*directions: Coroutine[Any, Any, None]) -> None:
         await asyncio.gather(*tasks, return_exceptions=True)
     for task in done:
         task.result()
+
+
+async def serve(config: EntranceConfig) -> None:
+    stop = asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    entrance = Entrance(config)
+    await entrance.open()
+    print("ready", flush=True)
+    await stop.wait()
+    entrance.close()
+
+
+def main() -> int:
+    """Return 0 after a signal, 1 if the entrance cannot be."""
+    path = config_path("controller_apps.tls", __doc__)
+    logging.basicConfig(
+        stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(name)s: %(message)s"
+    )
+    try:
+        uvloop.run(serve(EntranceConfig.read(path)))
+    except (BadConfig, OSError) as error:
+        return report_fault(f"entrance: {error}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,1 +1,0 @@
-"""Where switches come in by TLS, before the framework that serves them."""
