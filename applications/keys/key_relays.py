@@ -16,7 +16,7 @@ from controller_apps.devices.hosts_state import Place
 from controller_apps.light.optics import SwitchPort
 from controller_apps.openflow import flow_entries
 from controller_apps.openflow.framework import DEAD, MAIN, App, Datapath, ofp_event, ofproto, on
-from controller_apps.packets.datagrams import CONTROLLER_MAC, Frame
+from controller_apps.packets import CONTROLLER_MAC, Frame
 from controller_apps.policy.reading import BadPolicy, read_policy
 from controller_apps.record import PortLines, Record
 from wire.config import ControllerConfig

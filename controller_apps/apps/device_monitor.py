@@ -46,7 +46,7 @@ from controller_apps.openflow.framework import (
     on,
     parser,
 )
-from controller_apps.packets.datagrams import CONTROLLER_MAC, Frame
+from controller_apps.packets import CONTROLLER_MAC, Frame
 from controller_apps.policy.policy import Policy
 from controller_apps.policy.reading import BadPolicy, read_policy
 from controller_apps.record import PortLines, Record

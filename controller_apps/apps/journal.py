@@ -9,8 +9,7 @@ from typing import Any
 from controller_apps.console.views import light_view, name_of, request_view
 from controller_apps.devices.hosts_state import Place
 from controller_apps.light.paths import Network, switches
-from controller_apps.packets.datagrams import is_announcement
-from controller_apps.packets.segments import FiveTuple, is_without_data
+from controller_apps.packets import FiveTuple, is_announcement, is_without_data
 from controller_apps.record import PortLines, Record
 from controller_apps.sessions.actions import Drop, Note
 from controller_apps.sessions.link_monitors import Links, names_of

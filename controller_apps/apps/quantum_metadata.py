@@ -48,7 +48,7 @@ from controller_apps.openflow.framework import (
 )
 from controller_apps.openflow.mac_table import MacTable
 from controller_apps.openflow.switches import Switches
-from controller_apps.packets.segments import FiveTuple, is_tcp
+from controller_apps.packets import FiveTuple, is_tcp
 from controller_apps.policy.policy import CLOSE, Policy
 from controller_apps.policy.reading import DEFAULT, BadPolicy, read_policy, require_switches
 from controller_apps.record import Record

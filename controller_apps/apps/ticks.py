@@ -10,7 +10,7 @@ from math import inf, isfinite
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.openflow.framework import hub
-from controller_apps.packets.segments import SYN
+from controller_apps.packets import SYN
 from wire.network_time import CONTROLLER, NEVER, TICKS, GateClient, NetworkTime, SteppedTime
 
 NS = 1_000_000_000

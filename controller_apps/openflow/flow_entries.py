@@ -11,8 +11,7 @@ from typing import Any
 from controller_apps.light.paths import Hop
 from controller_apps.openflow.framework import Datapath, ofproto, parser
 from controller_apps.openflow.optical_messages import is_fiber, is_inner
-from controller_apps.packets.datagrams import IP_UDP, is_udp
-from controller_apps.packets.segments import ACK, FIN, IP_TCP, PSH, RST, SYN, FiveTuple
+from controller_apps.packets import ACK, FIN, IP_TCP, IP_UDP, PSH, RST, SYN, FiveTuple, is_udp
 from wire.analyser_frames import ETHER_TYPE, HERALDS, Receivers, group_of
 from wire.device import DEVICE_PORT
 from wire.metadata.header import METADATA_PORT, QUANTUM_SWITCHES

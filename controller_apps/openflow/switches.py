@@ -17,7 +17,7 @@ from controller_apps.openflow import flow_entries, optical_messages
 from controller_apps.openflow.flow_entries import ALL_BITS, LIGHT_TABLE, PATH_PRIORITY
 from controller_apps.openflow.framework import Datapath, ofproto
 from controller_apps.openflow.mac_table import MacTable, filter_entries
-from controller_apps.packets.segments import FiveTuple
+from controller_apps.packets import FiveTuple
 from controller_apps.sessions.actions import (
     AddBypass,
     ClosePaths,

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop
-from controller_apps.packets.segments import FiveTuple
+from controller_apps.packets import FiveTuple
 from controller_apps.policy.schedules import UNPURIFIED, Purification
 from controller_apps.sessions.holders import Ends, Holder
 from controller_apps.sessions.sessions import Chain, Request

@@ -11,7 +11,7 @@ from controller_apps.light.paths import Direction, Network
 from controller_apps.light.routing import Leg, LightPath, Limits, cheapest_path, route, why_not
 from controller_apps.light.taps import CannotTap, tapped
 from controller_apps.light.waypoints import path_over
-from controller_apps.packets.segments import FiveTuple
+from controller_apps.packets import FiveTuple
 from controller_apps.policy.policy import Tap
 from controller_apps.sessions.chains import (
     find_chain,

@@ -48,7 +48,7 @@ from dataclasses import dataclass, field, replace
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop, Network
-from controller_apps.packets.segments import FiveTuple, parse
+from controller_apps.packets import FiveTuple, parse_segment
 from controller_apps.policy.policy import Policy
 from controller_apps.policy.schedules import IN_TURN, Queue
 from controller_apps.sessions.actions import Action, Drop, Forward, Note
@@ -129,7 +129,7 @@ class Arbiter:
 
     def segment_arrived(self, dpid: int, in_port: int, frame: bytes, now: float) -> list[Action]:
         try:
-            arrival = Arrival(dpid, in_port, parse(frame))
+            arrival = Arrival(dpid, in_port, parse_segment(frame))
             return self._then_serve(self._segment(arrival, now), now)
         except MalformedPacket as error:
             return [Drop("malformed", str(error), SwitchPort(dpid, in_port))]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network
 from controller_apps.light.routing import Leg, Limits, cheapest_path, route
-from controller_apps.packets.segments import FiveTuple
+from controller_apps.packets import FiveTuple
 from controller_apps.policy.schedules import PROTOCOLS, schedule, spans
 from controller_apps.sessions.actions import SwapsOrdered
 from controller_apps.sessions.sessions import Chain, Session, Sessions, Stop

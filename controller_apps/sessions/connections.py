@@ -16,7 +16,7 @@ from a host that has not heard the acceptor, and asks for light in the name of a
 from collections import Counter
 from dataclasses import dataclass, field
 
-from controller_apps.packets.segments import ACK, RST, FiveTuple, Segment
+from controller_apps.packets import ACK, RST, FiveTuple, Segment
 from controller_apps.sessions.actions import Action, AddBypass, CountBypass, Drop, Forward
 from controller_apps.sessions.sessions import Arrival, Request, Sessions
 from controller_apps.sessions.terms import Terms

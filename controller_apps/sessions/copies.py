@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import switches
-from controller_apps.packets.segments import FiveTuple, parse
+from controller_apps.packets import FiveTuple, parse_segment
 from controller_apps.sessions.actions import Action, Note
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.sessions import Request, Sessions, read_setup
@@ -30,7 +30,7 @@ class Copies:
 
     def arrived(self, at: SwitchPort, frame: bytes, now: float) -> list[Action]:
         """Note a copy; raise MalformedPacket for what is none, on a connection without a set-up."""
-        segment = parse(frame)
+        segment = parse_segment(frame)
         connection, message = segment.five_tuple, segment.payload[:SETUP_LENGTH]
         request = self.sessions.requests.get(connection)
         if request is not None and request.message == message:

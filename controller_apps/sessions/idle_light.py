@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from controller_apps.light.paths import Network, directions
-from controller_apps.packets.segments import FiveTuple
+from controller_apps.packets import FiveTuple
 from controller_apps.policy.policy import Watch
 from controller_apps.sessions.actions import Action, Note, Order
 from controller_apps.sessions.admission import Admission

@@ -12,7 +12,7 @@ from math import inf
 
 from controller_apps.light.paths import directions
 from controller_apps.light.routing import LightPath
-from controller_apps.packets.segments import FiveTuple
+from controller_apps.packets import FiveTuple
 from controller_apps.policy.schedules import ORDERS
 from controller_apps.sessions.actions import Action, Note
 from controller_apps.sessions.admission import Admission

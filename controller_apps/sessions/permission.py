@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from controller_apps.light.paths import Network
-from controller_apps.packets.segments import FiveTuple
+from controller_apps.packets import FiveTuple
 from controller_apps.policy.policy import Host, Policy, SessionRequest
 from controller_apps.sessions.sessions import Sessions
 from wire.metadata.header import is_number_of

@@ -20,7 +20,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from controller_apps.light.paths import directions
-from controller_apps.packets.segments import FiveTuple
+from controller_apps.packets import FiveTuple
 from controller_apps.sessions.actions import Action, Order, RemoveBypass
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.sessions import Session, Sessions

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 from controller_apps.light.paths import Network
 from controller_apps.light.routing import LightPath, rotation_of
-from controller_apps.packets.segments import FiveTuple
+from controller_apps.packets import FiveTuple
 from controller_apps.sessions.sessions import Session, Sessions
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Handshake, Service

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Direction, Hop, directions
 from controller_apps.light.routing import LightPath
-from controller_apps.packets.segments import FiveTuple, Segment
+from controller_apps.packets import FiveTuple, Segment
 from controller_apps.policy.schedules import Waiting
 from controller_apps.sessions.holders import Ends, Holders
 from controller_apps.sessions.swap_turns import SwapTurns

@@ -14,7 +14,7 @@ from math import inf
 
 from controller_apps.light.paths import Direction, Network, directions
 from controller_apps.light.routing import LightPath
-from controller_apps.packets.segments import FiveTuple
+from controller_apps.packets import FiveTuple
 from controller_apps.policy.schedules import SLOTS, Queue
 from controller_apps.sessions.actions import Action
 from controller_apps.sessions.admission import Admission

@@ -20,7 +20,7 @@ from typing import Any
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import MAX_PORTS, Hop, HostPort
 from controller_apps.light.routing import LightPath
-from controller_apps.packets.segments import FiveTuple
+from controller_apps.packets import FiveTuple
 from controller_apps.sessions.actions import Keep
 from controller_apps.sessions.sessions import Request, Session, Stop, read_setup
 from wire.device import MAX_REPEATERS, NOBODY

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from controller_apps.light.paths import Network
-from controller_apps.packets.segments import FiveTuple
+from controller_apps.packets import FiveTuple
 from controller_apps.policy.policy import Filter, Policy
 from controller_apps.sessions.admission import Admission, find_light
 from controller_apps.sessions.sessions import Sessions

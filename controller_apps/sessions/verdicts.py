@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from controller_apps.packets.segments import FiveTuple
+from controller_apps.packets import FiveTuple
 from controller_apps.sessions.actions import Action, Forget, Forward, Note, RemoveBypass
 from controller_apps.sessions.chains import links_of
 from controller_apps.sessions.light_paths import Light

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from ipaddress import IPv4Address
 
-from controller_apps.packets.segments import ACK, PSH, RST, SYN
+from controller_apps.packets import ACK, PSH, RST, SYN
 from qmn.timeouts import TURN_TIMEOUT_S
 from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow import messages

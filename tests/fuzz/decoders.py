@@ -32,8 +32,8 @@ from applications.netqasm import text_format
 from applications.processing_unit import messages, pair_requests, subroutine
 from applications.qkd import messages as qkd
 from applications.qkd.conference_proposal import ConferenceProposal
+from controller_apps import packets
 from controller_apps.openflow import discovery
-from controller_apps.packets import datagrams, segments
 from wire import (
     controller_lines,
     device,
@@ -266,15 +266,15 @@ FORMATS: dict[str, Target] = {
     "features": Target(
         [NodeFeatures(EVERYTHING, 9).encode()], NodeFeatures.decode, lambda a: a.encode()
     ),
-    "segment": Target([SEGMENT], segments.parse, lambda s: s.frame),
+    "segment": Target([SEGMENT], packets.parse_segment, lambda s: s.frame),
     "segment, rewritten": Target(
         [SEGMENT],
-        segments.parse,
+        packets.parse_segment,
         lambda s: s.with_payload(s.payload),
         canonical=False,  # checksums, and padding
         means=lambda s: (s.five_tuple, s.sequence, s.flags, s.payload, s.after),
     ),
-    "datagram": Target([test_pcapng.FRAME], datagrams.Frame.decode, lambda f: f.encode(), False),
+    "datagram": Target([test_pcapng.FRAME], packets.Frame.decode, lambda f: f.encode(), False),
     "analyser frame": Target(
         [
             AnalyserFrame(60_001, 7, End.MEASURED, 5, 1, b"\0\1\xff").encode(BROADCAST, bytes(6)),

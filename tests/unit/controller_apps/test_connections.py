@@ -16,7 +16,7 @@ from metadata_scene import (
     is_live,
 )
 
-from controller_apps.packets.segments import FiveTuple
+from controller_apps.packets import FiveTuple
 from controller_apps.policy.policy import Filter, Policy
 from controller_apps.sessions import connections
 from controller_apps.sessions.actions import (

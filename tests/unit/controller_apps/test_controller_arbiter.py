@@ -24,7 +24,7 @@ from metadata_scene import (
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop
 from controller_apps.light.routing import Leg, Limits, cheapest_path
-from controller_apps.packets.segments import FiveTuple
+from controller_apps.packets import FiveTuple
 from controller_apps.sessions.actions import AddBypass, ClosePaths, Forward, Note, OpenPaths
 from wire.metadata.blocks import Emit
 from wire.metadata.decoding import decode

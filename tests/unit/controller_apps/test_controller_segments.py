@@ -8,30 +8,30 @@ from scapy.layers.inet import IP, TCP, UDP
 from scapy.layers.l2 import Ether
 from scapy.packet import Packet
 
-from controller_apps.packets.segments import (
+from controller_apps.packets import (
     ETHERNET_LENGTH,
     FiveTuple,
     checksum,
     is_without_data,
-    parse,
+    parse_segment,
 )
 from wire.malformed import MalformedPacket
 from wire.metadata.header import METADATA_PORT
 
 
 def test_a_segment_is_read_as_scapy_wrote_it() -> None:
-    segment = parse(frame(b"hello", sport=4242, seq=0xFFFFFFF0, flags="PA"))
+    segment = parse_segment(frame(b"hello", sport=4242, seq=0xFFFFFFF0, flags="PA"))
     assert segment.five_tuple == FiveTuple(ALICE, 4242, BOB, METADATA_PORT)
     assert (segment.sequence, segment.payload, segment.closes) == (0xFFFFFFF0, b"hello", False)
 
 
 def test_ethernet_padding_is_no_payload() -> None:
-    assert parse(frame() + b"\0" * 6).payload == b""
+    assert parse_segment(frame() + b"\0" * 6).payload == b""
 
 
 @pytest.mark.parametrize("flags", ["FA", "R", "RA", "FPA"])
 def test_fin_and_rst_close(flags: str) -> None:
-    assert parse(frame(flags=flags)).closes
+    assert parse_segment(frame(flags=flags)).closes
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_a_replaced_payload_has_right_lengths_and_checksums(length: int) -> None
     options = [("Timestamp", (123, 456)), ("NOP", None), ("NOP", None)]
     original = frame(b"before, and some more", flags="PAEC", options=options)
     payload = random.Random(length).randbytes(length)
-    rewritten = parse(original).with_payload(payload)
+    rewritten = parse_segment(original).with_payload(payload)
     assert payload_of(rewritten) == payload
     before, after = Ether(original), Ether(rewritten)
     for field in ("seq", "ack", "flags", "window", "options"):
@@ -64,7 +64,7 @@ def test_a_replaced_payload_has_right_lengths_and_checksums(length: int) -> None
 
 def test_ip_options_stay() -> None:
     packet = Ether() / IP(src=ALICE, dst=BOB, options=b"\x94\x04\0\0") / TCP(flags="PA") / b"one"
-    rewritten = parse(bytes(packet)).with_payload(b"two")
+    rewritten = parse_segment(bytes(packet)).with_payload(b"two")
     assert payload_of(rewritten) == b"two"
     assert Ether(rewritten)[IP].ihl == 6
 
@@ -72,7 +72,7 @@ def test_ip_options_stay() -> None:
 def test_an_unfinished_checksum_is_finished() -> None:
     data = bytearray(frame(b"payload"))
     data[ETHERNET_LENGTH + 20 + 16] ^= 0xFF
-    assert payload_of(parse(bytes(data)).with_payload(b"payload")) == b"payload"
+    assert payload_of(parse_segment(bytes(data)).with_payload(b"payload")) == b"payload"
 
 
 def test_checksum_agrees_with_rfc_1071() -> None:
@@ -94,7 +94,7 @@ def test_what_is_not_tcp_over_ipv4_is_malformed() -> None:
     }
     for name, packet in packets.items():
         with pytest.raises(MalformedPacket):
-            pytest.fail(f"{name}: {parse(bytes(packet))}")
+            pytest.fail(f"{name}: {parse_segment(bytes(packet))}")
 
 
 @pytest.mark.nightly
@@ -106,7 +106,7 @@ def test_random_bytes_are_malformed_or_what_scapy_reads() -> None:
         for _ in range(draw.choice((1, 1, 3))):
             data[draw.randrange(len(data))] = draw.randrange(256)
         try:
-            segment = parse(bytes(data))
+            segment = parse_segment(bytes(data))
         except MalformedPacket:
             continue
         read += 1
@@ -122,4 +122,4 @@ def test_random_bytes_are_malformed_or_what_scapy_reads() -> None:
 def test_a_tcp_option_of_length_zero_does_no_harm() -> None:
     packet = bytearray(frame(b"payload", options=[("Timestamp", (1, 2))]))
     packet[ETHERNET_LENGTH + 40 : ETHERNET_LENGTH + 42] = b"\x63\0"
-    assert parse(bytes(packet)).payload == b"payload"
+    assert parse_segment(bytes(packet)).payload == b"payload"

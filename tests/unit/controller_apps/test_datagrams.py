@@ -6,7 +6,7 @@ import pytest
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 
-from controller_apps.packets.datagrams import Frame, is_announcement, is_udp
+from controller_apps.packets import Frame, is_announcement, is_udp
 from wire.malformed import MalformedPacket
 
 FRAME = Frame(

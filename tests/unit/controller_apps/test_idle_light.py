@@ -12,7 +12,7 @@ from test_seals_and_sessions import DIRECT, ROUND, grant, noted, opened, triangl
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop, Network
-from controller_apps.packets.segments import FiveTuple
+from controller_apps.packets import FiveTuple
 from controller_apps.policy.policy import Watch
 from controller_apps.policy.reading import BadPolicy, parse_policy, require_switches
 from controller_apps.sessions.actions import Action, Note, Order

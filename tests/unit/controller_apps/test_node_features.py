@@ -11,7 +11,7 @@ from controller_apps.console.views import node_features_view
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort, Network
 from controller_apps.light.routing import Limits
-from controller_apps.packets.segments import FiveTuple
+from controller_apps.packets import FiveTuple
 from controller_apps.sessions.actions import Forward, Note, OpenPaths, SwapsOrdered
 from controller_apps.sessions.admission import Admission, find_light
 from controller_apps.sessions.chains import find_chain, repeaters_of

@@ -17,7 +17,7 @@ from metadata_scene import (
 )
 
 from controller_apps.light.optics import SwitchPort
-from controller_apps.packets.segments import parse
+from controller_apps.packets import parse_segment
 from controller_apps.policy.reading import parse_policy
 from controller_apps.sessions.actions import Action, Drop, Forward, Note, OpenPaths
 from controller_apps.sessions.admission import Admission
@@ -50,7 +50,7 @@ def refused(actions: list[Action]) -> Reason | None:
     """Return why the set-up was refused, None if it was not."""
     for action in actions:
         if isinstance(action, Forward):
-            answer = decode(parse(action.frame).payload)
+            answer = decode(parse_segment(action.frame).payload)
             assert isinstance(answer, Setup)
             return Reason(answer.reason) if answer.verdict == Verdict.REFUSED else None
     return None
@@ -114,7 +114,7 @@ def test_a_host_in_a_line_goes_on_with_the_number_of_the_host_before_it(service:
     state, permission = under("", "")
 
     def asks(setup: Setup, source: str, destination: str) -> bool:
-        segment = parse(frame(setup.encode(), source=source, destination=destination))
+        segment = parse_segment(frame(setup.encode(), source=source, destination=destination))
         return permission.objection(setup, segment.five_tuple) == ""
 
     assert not asks(after, ALICE, BOB)  # of a line that there is not

@@ -23,7 +23,7 @@ from metadata_scene import (
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop
-from controller_apps.packets.segments import FiveTuple
+from controller_apps.packets import FiveTuple
 from controller_apps.sessions.actions import (
     Action,
     AddBypass,

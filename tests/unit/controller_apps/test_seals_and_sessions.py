@@ -7,7 +7,7 @@ from metadata_scene import ALICE, BOB, CHARLIE, FRAMED, Q1, S1, arbiter, frame, 
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop, HostPort, Network
-from controller_apps.packets.segments import parse
+from controller_apps.packets import parse_segment
 from controller_apps.policy.policy import CLOSE, TELL
 from controller_apps.policy.reading import BadPolicy, parse_policy, require_switches
 from controller_apps.sessions.actions import Action, ClosePaths, Forward, Note, OpenPaths, Order
@@ -45,7 +45,7 @@ def grant(state: Arbiter, actions: list[Action]) -> None:
 
 def refused(actions: list[Action]) -> Reason:
     (answer,) = (action for action in actions if isinstance(action, Forward))
-    setup = decode(parse(answer.frame).payload)
+    setup = decode(parse_segment(answer.frame).payload)
     assert isinstance(setup, Setup)
     return Reason(setup.reason)
 

@@ -22,7 +22,7 @@ from metadata_scene import (
 )
 
 from controller_apps.light.optics import SwitchPort
-from controller_apps.packets.segments import FiveTuple
+from controller_apps.packets import FiveTuple
 from controller_apps.sessions.actions import (
     AddBypass,
     ClosePaths,

@@ -7,7 +7,7 @@ from metadata_scene import BOB, CHARLIE, FRAMED, Q1, S1, arbiter, frame
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop, HostPort
-from controller_apps.packets.segments import parse
+from controller_apps.packets import parse_segment
 from controller_apps.policy.policy import Tap
 from controller_apps.policy.reading import parse_policy
 from controller_apps.sessions.actions import Action, Forward, Note, OpenPaths
@@ -45,7 +45,7 @@ def opened(actions: list[Action]) -> list[Hop]:
 def reason(actions: list[Action]) -> Reason:
     """Return why a set-up was refused."""
     (answer,) = (action for action in actions if isinstance(action, Forward))
-    setup = decode(parse(answer.frame).payload)
+    setup = decode(parse_segment(answer.frame).payload)
     assert isinstance(setup, Setup)
     assert setup.verdict == Verdict.REFUSED
     return Reason(setup.reason)

@@ -26,7 +26,7 @@ from controller_apps.apps.host_orders import (
 from controller_apps.console.questions import EventQuestion, Refused
 from controller_apps.openflow import framework
 from controller_apps.openflow.framework import ofp_event, ofproto, parser
-from controller_apps.packets.datagrams import Frame
+from controller_apps.packets import Frame
 from controller_apps.policy.policy import Policy
 from controller_apps.record import Record
 from controller_apps.sessions.actions import Order, SwapsOrdered

@@ -21,7 +21,7 @@ from metadata_scene import (
 
 from controller_apps.openflow import flow_entries, framework
 from controller_apps.openflow.framework import ofproto, parser
-from controller_apps.packets.segments import FiveTuple
+from controller_apps.packets import FiveTuple
 from controller_apps.sessions.state_folder import StateFolder
 from wire.metadata.decoding import decode
 from wire.metadata.header import METADATA_PORT

@@ -15,7 +15,7 @@ from controller_apps.apps.host_orders import EventAlarm, EventMonitorOver, Event
 from controller_apps.console.questions import EventQuestion
 from controller_apps.devices.hosts_state import Place
 from controller_apps.openflow.framework import ofproto
-from controller_apps.packets.segments import FiveTuple
+from controller_apps.packets import FiveTuple
 from controller_apps.timeouts import DISCOVERY_S
 from wire.device import DeviceReport
 from wire.metadata.decoding import decode
