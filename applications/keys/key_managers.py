@@ -9,7 +9,7 @@ from applications.keys.config import KEY_DELIVERY_PORT, KeyLink, KeyManagerConfi
 from topologies.networks.network import Network
 from topologies.nodes import QuantumHost
 from topologies.nodes.addresses import broadcast
-from topologies.system.certificates.authority import (
+from topologies.system.certificates import (
     AUTHORITY,
     CertificateAuthority,
     CertificateFiles,

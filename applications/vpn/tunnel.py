@@ -16,7 +16,7 @@ from applications.keys.key_managers import application_name, in_folder
 from applications.vpn.format import STRONGSWAN, TLS, WIREGUARD, VpnConfig
 from qmn.timeouts import START_TIMEOUT_S
 from topologies.networks.network import Network
-from topologies.system.certificates.authority import AUTHORITY
+from topologies.system.certificates import AUTHORITY
 from topologies.system.processes.programs import NetworkError, Program, python
 
 INSIDE = ("192.168.77.1", "192.168.77.2")

@@ -21,7 +21,7 @@ from applications.keys.key_managers import KeyService, start_key_managers
 from qmn.results.timeline import merge
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
-from topologies.system.certificates.authority import CertificateFiles
+from topologies.system.certificates import CertificateFiles
 from topologies.system.confinement.confinement import children
 from topologies.system.processes import shells
 from topologies.system.processes.programs import NetworkError

@@ -21,7 +21,7 @@ from applications.qkd.keyring import CAPACITY
 from qmn.jobs.transfer import Lines
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
-from topologies.system.certificates.authority import CertificateAuthority
+from topologies.system.certificates import CertificateAuthority
 
 
 def run_keys(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str], dict[str, Any]]:

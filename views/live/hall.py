@@ -23,7 +23,7 @@ from tempfile import TemporaryDirectory
 from programs.connection_shares import StreamServer
 from programs.relay import CHUNK_BYTES
 from qmn.timeouts import LIVE_HALL_S
-from topologies.system.certificates.authority import CertificateAuthority
+from topologies.system.certificates import CertificateAuthority
 from topologies.system.namespaces import in_machine_network, machine_listener
 from views.live.address import LOOPBACK, Place
 

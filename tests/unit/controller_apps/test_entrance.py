@@ -11,7 +11,7 @@ import pytest
 from limits import SOON_S
 
 from controller_apps.tls import Entrance, Impostor, SwitchMessages
-from topologies.system.certificates.authority import CertificateAuthority
+from topologies.system.certificates import CertificateAuthority
 from topologies.system.runs.runtime import free_port
 from wire.config import EntranceConfig
 from wire.credentials import Credentials

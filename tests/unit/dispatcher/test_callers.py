@@ -13,7 +13,7 @@ from limits import SOON_S
 
 from dispatcher.server import callers
 from dispatcher.server.callers import Challenges
-from topologies.system.certificates.authority import CertificateAuthority
+from topologies.system.certificates import CertificateAuthority
 from topologies.system.runs.runtime import free_port
 from wire.credentials import Credentials
 from wire.dispatcher_pb2 import ChallengeRequest, StatusRequest

@@ -13,8 +13,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.x509.verification import PolicyBuilder, Store, VerificationError
 
 from applications.keys.key_managers import given
-from topologies.system.certificates.authority import CertificateAuthority, CertificateFiles
-from topologies.system.certificates.given import GivenCertificates
+from topologies.system.certificates import CertificateAuthority, CertificateFiles, GivenCertificates
 from topologies.system.processes.programs import NetworkError
 
 ADDRESS = ipaddress.ip_address("10.0.0.1")

@@ -24,7 +24,7 @@ from topologies.nodes import (
 from topologies.nodes.copper import COPPER
 from topologies.nodes.tls import OPERATOR
 from topologies.quantum_topo import QuantumTopo
-from topologies.system.certificates.authority import AUTHORITY
+from topologies.system.certificates import AUTHORITY
 from topologies.system.runs.node_names import RESERVED
 from topologies.system.runs.runtime import CONSOLE, DISPATCHER, EVENT_LOG
 from wire.dispatcher_service import RUNNER

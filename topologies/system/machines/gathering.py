@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Thread
 
-from topologies.system.certificates.authority import CertificateAuthority, CertificateFiles
+from topologies.system.certificates import CertificateAuthority, CertificateFiles
 from topologies.system.kernel.interfaces import interface_with
 from topologies.system.machines.machine import Machine
 from topologies.system.machines.source import fingerprint

@@ -33,8 +33,7 @@ from wire.parameters.network import NetworkSettings
 from wire.parameters.physics import Device
 
 if TYPE_CHECKING:
-    from topologies.system.certificates.authority import CertificateAuthority
-    from topologies.system.certificates.given import GivenCertificates
+    from topologies.system.certificates import CertificateAuthority, GivenCertificates
 
 DISPATCHER = "dispatcher"  # the program, and its socket
 FIRST_PORT = 10_000
@@ -157,15 +156,15 @@ class Runtime:
 
     def authority(self) -> "CertificateAuthority | GivenCertificates":
         """Return who signs, or has, the certificates of this run's programs."""
-        from topologies.system.certificates import authority, given  # they take a while to load
+        from topologies.system import certificates  # cryptography takes a while to load
 
         with self._making:
             if self._authority is None:
                 folder, theirs = self.folder / "tls", self.settings.tls_from
                 self._authority = (
-                    given.GivenCertificates(folder, Path(theirs))
+                    certificates.GivenCertificates(folder, Path(theirs))
                     if theirs
-                    else authority.CertificateAuthority(folder, f"qmn run {self.name}")
+                    else certificates.CertificateAuthority(folder, f"qmn run {self.name}")
                 )
             return self._authority
 

@@ -1,1 +1,0 @@
-"""Certificates of a run, and the private keys of whom they name."""
