@@ -12,7 +12,6 @@ from topologies.nodes.copper import connect_copper
 from topologies.nodes.node import QuantumNode
 from topologies.nodes.reached import as_reached
 from topologies.system.open_vswitch import openvswitch
-from topologies.system.open_vswitch.bridge_words import bridge_words
 from topologies.system.runs import runtime
 from topologies.timeouts import BUSY_MS, PROBE_MS, RECONNECT_MS, STEPPED_PROBE_MS
 
@@ -159,3 +158,31 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
     def vsctl(self, *arguments: str, **_options: object) -> str:
         """Run ovs-vsctl; unlike Mininet's own, say so if it fails."""
         return openvswitch.change(*shlex.split(" ".join(map(str, arguments))))
+
+
+def bridge_words(
+    name: str, options: Sequence[str], interfaces: Mapping[str, Sequence[str]]
+) -> list[str]:
+    """Return the words for a bridge, in place of an existing one of that name.
+
+    Options are columns, as "fail_mode=secure"; interfaces are the columns of each, by its name.
+
+    `add-port` and `set Interface NAME` look a name up among all ports, also those of the same
+    transaction, and `add-br` has all of them read again: time with the square of the ports. Rows
+    that `create` makes, and that name each other, take none of that.
+    """
+    words = ["--if-exists", "del-br", name]
+    ports = []
+    for number, (each, columns) in enumerate({name: ["type=internal"], **interfaces}.items()):
+        interface, port = f"@{name}i{number}", f"@{name}p{number}"
+        words += ["--", f"--id={interface}", "create", "Interface", _named(each), *columns]
+        words += ["--", f"--id={port}", "create", "Port", _named(each), f"interfaces={interface}"]
+        ports.append(port)
+    bridge = f"@{name}b"
+    words += ["--", f"--id={bridge}", "create", "Bridge", _named(name)]
+    words += [f"ports=[{','.join(ports)}]", *options]
+    return [*words, "--", "add", "Open_vSwitch", ".", "bridges", bridge]
+
+
+def _named(name: str) -> str:
+    return f'name="{name}"'

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from limits import SOON_S
 
-from topologies.system.open_vswitch.bridge_words import bridge_words
+from topologies.nodes.classical_switch import bridge_words
 
 SCHEMA = "/usr/share/openvswitch/vswitch.ovsschema"
 COLUMNS = {
