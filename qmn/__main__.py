@@ -16,15 +16,14 @@ from types import MappingProxyType
 from typing import Any
 
 from qmn.as_root import NoRoot
-from qmn.extras import remedy
 from qmn.machine_limits import limit_met
 from qmn.needs import provide
 from qmn.old_words import translated
 from qmn.parser import Parser
 from qmn.printable_text import guard_standard_streams
+from qmn.project import ShowVersion, remedy
 from qmn.registered import VERBS as REGISTERED
 from qmn.registered import registered
-from qmn.version import ShowVersion
 from topologies.system.processes.outputs import forget_no_width, with_outputs
 from topologies.system.processes.programs import NetworkError, find_tools
 from topologies.system.processes.signals import Signals

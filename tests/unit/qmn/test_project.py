@@ -4,7 +4,7 @@ import tomllib
 
 import pytest
 
-from qmn.extras import remedy
+from qmn.project import remedy
 from topologies.system.processes.programs import ROOT
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
