@@ -4,7 +4,7 @@ import argparse
 from typing import Any
 
 from evidence.kinds import listing
-from qmn.kinds import add_kinds, module_of
+from qmn.parser import add_kinds, module_of
 
 KINDS = {
     "demo": ("effects of a whole network, beside theory", "evidence.kinds.demo:describe"),

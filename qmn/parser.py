@@ -3,8 +3,11 @@
 import argparse
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping
+from functools import partial
+from importlib import import_module
+from pkgutil import resolve_name
 from textwrap import fill
-from types import MappingProxyType
+from types import MappingProxyType, ModuleType
 from typing import Any, NoReturn
 
 from wire.parameters.checks import NEAR, check_choice, nearest
@@ -35,6 +38,7 @@ FEW = 6  # options of a group that is shown whole
 OWN = frozenset({"the job", "the application"})  # groups of a job's own options
 ALL = "--help-all"
 NO_HEADINGS: Mapping[str, Collection[str]] = MappingProxyType({})
+Kinds = Mapping[str, tuple[str, str]]  # by word: help, and MODULE:FUNCTION that describes a parser
 
 
 def listed(title: str, what: Mapping[str, str]) -> str:
@@ -185,3 +189,21 @@ def name_of(action: argparse.Action) -> str:
     if action.option_strings:
         return action.option_strings[-1]
     return str(action.metavar or action.dest)
+
+
+def add_kinds(parser: Parser, metavar: str, kinds: Kinds, required: bool = False) -> None:
+    """Add the kinds of a verb, as WHAT of `qmn set WHAT`: each is loaded when it is typed."""
+    words = parser.add_subparsers(metavar=metavar, required=required)
+    for word, (text, function) in kinds.items():
+        # Some show help of their own.
+        kind = words.add_parser(word, help=text, description=text, conflict_handler="resolve")
+        kind.put_off(partial(_describe, kind, function))
+
+
+def module_of(function: str) -> ModuleType:
+    return import_module(function.partition(":")[0])
+
+
+def _describe(parser: Parser, function: str) -> None:
+    parser.usage = None  # that of argparse, which has every argument
+    resolve_name(function)(parser)

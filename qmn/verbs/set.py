@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from qmn.kinds import add_kinds
 from qmn.needs import Needs
+from qmn.parser import add_kinds
 
 WHAT = {
     "link": ("cut or mend links", "qmn.changes.link:describe"),

@@ -5,7 +5,7 @@ from importlib import import_module
 from evidence.verb import KINDS
 from qmn.__main__ import MODULES
 from qmn.__main__ import main as main
-from qmn.kinds import module_of
+from qmn.parser import module_of
 from qmn.verbs.set import WHAT
 
 for loaded in (*MODULES.values(), "views.report.page"):
