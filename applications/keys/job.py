@@ -23,7 +23,6 @@ from applications.keys.scheduled_eavesdropper import PassingEavesdropper, check_
 from programs.network_waits import NetworkWaits
 from qmn.jobs import eavesdropping
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
-from qmn.jobs.stepped import with_pace
 from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.felt_settings import checked_settings, everything, felt_by
@@ -53,7 +52,7 @@ def checked(request: KeysRequest) -> tuple[KeysRequest, NetworkDescription]:
     network = describe_network(request.network)
     check_network(request.network)
     check_ranges(request.run)
-    network = with_pace(network, request.run)
+    network = network.paced_for(*request.run.against_steps)
     if request.seconds is None:
         network = network.paced_for("a run without --seconds lasts for people, until Ctrl-C")
     check_ranges(request)

@@ -21,7 +21,6 @@ from applications.netqasm.folder import check_inputs, left_out, read_yaml
 from applications.netqasm.request import NetqasmRequest
 from qmn.jobs.obstacle import lost_light
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
-from qmn.jobs.stepped import with_pace
 from qmn.jobs.transfer import TransferError, follow_all
 from qmn.network.checks import check_network
 from qmn.network.description import describe_network
@@ -57,7 +56,7 @@ def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
     description = describe_network(replace(request.network, looking=request.looking))
     request = with_machines(request, description.hosts)
     application = checked(request, description.hosts)
-    description = with_pace(description, request.run)
+    description = description.paced_for(*request.run.against_steps)
     making_pairs = (description.parts.source_for(host) for host in application.hosts.values())
     felt = everything({*application.hosts.values(), *filter(None, making_pairs)})
     description = checked_settings("netqasm", felt, description)

@@ -16,7 +16,6 @@ from hosts.middleware.services import NAMES
 from hosts.middleware.session.errors import SessionError
 from hosts.network_loop import run as run_loop
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
-from qmn.jobs.stepped import with_pace
 from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.felt_settings import Felt, checked_settings, felt_by
@@ -58,7 +57,7 @@ def checked(
     """Return the network and what will be asked for; raise BadInput before anything is started."""
     check_network(request.network)
     check_ranges(request.run)
-    network = with_pace(network, request.run)
+    network = network.paced_for(*request.run.against_steps)
     check_ranges(request)
     traffic = traffic_of(request, network)
     if not request.source:

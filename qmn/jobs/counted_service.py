@@ -18,7 +18,6 @@ from qmn.jobs import eavesdropping, runner
 from qmn.jobs.eavesdropping import Attack
 from qmn.jobs.policies import scheduling_policy, tapping_policy
 from qmn.jobs.run_context import RunContext
-from qmn.jobs.stepped import with_pace
 from qmn.network.checks import FROM_TO, LINE, check_network, check_two_hosts
 from qmn.network.custom_topology import is_custom
 from qmn.network.description import NetworkDescription, describe_network
@@ -190,7 +189,7 @@ def fitted(
     felt = felt_by(request.service, taking_part, network.parts, source, request.options.sends_light)
     check_network(request.network)
     check_ranges(request.run)
-    network = with_pace(network, request.run)
+    network = network.paced_for(*request.run.against_steps)
     check_ranges(request)
     check_attack(request)
     if request.hand_out is not None and request.hand_out.exists():

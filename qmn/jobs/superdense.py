@@ -14,7 +14,6 @@ from hosts.middleware.services.superdense.options import SuperdenseOptions
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from qmn.jobs import runner
 from qmn.jobs.run_context import RunContext
-from qmn.jobs.stepped import with_pace
 from qmn.network.checks import FROM_TO, check_network, check_two_hosts
 from qmn.network.custom_topology import short_name
 from qmn.network.description import NetworkDescription, describe_network
@@ -76,7 +75,7 @@ def fitted(
     options = replace(request.options, host=network.node(request.receiver))
     request = replace(request, sender=network.node(request.sender), options=options)
     check_input(request, network.hosts, network.dark_hosts)
-    network = with_pace(network, request.run)
+    network = network.paced_for(*request.run.against_steps)
     ends = request.sender, request.receiver
     check_light(SERVICE, ends, network.parts)
     return request, network, felt_by(SERVICE, ends, network.parts)

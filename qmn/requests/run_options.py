@@ -1,6 +1,7 @@
 """Options of every run, of what it leaves behind and how fast bits go."""
 
 from argparse import ArgumentTypeError
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -70,6 +71,14 @@ class RunOptions(LiveOptions, MachineOptions):
         parse=omitted,
         recorded=False,
     )
+
+    @property
+    def against_steps(self) -> Iterator[str]:
+        """Yield the reasons of this run why its time is paced."""
+        if self.machines > 1 or self.place:
+            yield "other machines have clocks of their own (--machines)"
+        if self.classical_mbps is not None:
+            yield "the kernel counts --classical-mbps by the wall"
 
     @property
     def packet_bytes(self) -> int:

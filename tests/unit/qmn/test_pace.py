@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 from recorded_run import service_run
 
-from qmn.jobs.stepped import with_pace
 from qmn.machines.options import MachineOptions
 from qmn.network.description import describe_network, describe_own
 from qmn.network.options import NetworkOptions
@@ -22,7 +21,7 @@ from topologies.sdc import SdcTopo
 
 def pace(run: RunOptions | None = None, **options: Any) -> Pace:
     described = describe_network(NetworkOptions(topology="sdc", **options))
-    return with_pace(described, run or RunOptions()).pace
+    return described.paced_for(*(run or RunOptions()).against_steps).pace
 
 
 def test_time_is_stepped_unless_somebody_says_how_it_is_paced() -> None:
