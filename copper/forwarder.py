@@ -32,6 +32,7 @@ MOST_BYTES = 1 << 16
 AT_ONCE = 64  # frames read from one end before the next is served
 CLOSED_AT_ONCE = 64  # ends
 QUEUE_BYTES = 1 << 20  # of each direction of a slow cable
+STALL_S = 0.2  # of the wall, without a packet or a leap
 ENDS = slice(26, 38)  # addresses and ports of a frame with IPv4
 ARP = b"\x08\x06"
 # Where sender and target are, behind the Ethernet header.
@@ -108,7 +109,7 @@ class Forwarder:
         self._gate = GateClient(time_, CABLES) if isinstance(time_, SteppedTime) else None
         self._now_ns = time_.now_ns if self._gate else time.monotonic_ns
         self._acknowledgements = Acknowledgements()
-        self._unawaited: list[tuple[int, int, bytes]] = []  # when due, where to, frame
+        self._unawaited: list[tuple[int, Direction, bytes]] = []  # when due, on which way, frame
         if self._gate:
             self._readable.register(self._gate, select.EPOLLIN)
         self._draws = random.Random(config.seed)  # noqa: S311
@@ -125,7 +126,8 @@ class Forwarder:
         """Forward until stopped; packets that are then under way are lost."""
         while True:
             # epoll waits for milliseconds, select for microseconds, but not for many files.
-            select.select([self._readable], [], [], self._wait_s())
+            if not select.select([self._readable], [], [], self._wait_s())[0]:
+                self._await_acknowledgements()
             for file, _events in self._readable.poll(0):
                 if file == self._wake_reader:
                     return
@@ -147,7 +149,7 @@ class Forwarder:
     def _wait_s(self) -> float | None:
         if self._gate:
             self._gate.wait_for(self._under_way[0][0] if self._under_way else NEVER)
-            return None
+            return STALL_S if self._unawaited else None
         if not self._under_way:
             return None
         return max(0, self._under_way[0][0] - time.monotonic_ns()) / 1e9
@@ -178,10 +180,16 @@ class Forwarder:
         self.held += 1
         ends = direction.into, direction.out_of
         if self._gate and self._acknowledgements.is_unawaited(*ends, frame):
-            self._unawaited.append((due_ns, direction.out_of, frame))
+            self._unawaited.append((due_ns, direction, frame))
             return
         software = direction.software if message_bytes(frame) else None
         self._put(due_ns, direction, software, frame)
+
+    def _await_acknowledgements(self) -> None:
+        """Let the clock leap to them, too: a sender may wait for one (Nagle, RFC 896)."""
+        for due_ns, way, frame in self._unawaited:
+            self._put(due_ns, way, None, frame)
+        self._unawaited.clear()
 
     def _put(self, due_ns: int, way: Direction, software: Software | None, frame: bytes) -> None:
         way.last_due_ns = max(way.last_due_ns, due_ns)
@@ -192,7 +200,7 @@ class Forwarder:
         now_ns = self._now_ns()
         for held in [each for each in self._unawaited if each[0] <= now_ns]:
             self._unawaited.remove(held)
-            self._write(*held[1:])
+            self._write(held[1].out_of, held[2])
         while self._under_way and self._under_way[0][0] <= now_ns:
             due_ns, _ends, _number, way, software, frame = heapq.heappop(self._under_way)
             if software is None:

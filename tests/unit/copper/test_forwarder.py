@@ -126,6 +126,16 @@ def test_the_clock_leaps_for_acknowledgements_of_many_segments_alone() -> None:
             assert bool(select.select([near], [], [], 0.05)[0]) == (segments > FEW)
 
 
+def test_an_acknowledgement_arrives_though_nobody_waits_for_anything_else() -> None:
+    """As when a sender holds its second small segment back until then (Nagle, RFC 896)."""
+    with stepping() as gate, cables(1.0, time_folder=gate.time.folder) as [(near, far)]:
+        near.send(tcp(b"x"))
+        comes(far)
+        far.send(tcp(ends=BOB + ALICE, ack=1))
+        comes(near)
+        assert gate.time.now_s() == 2
+
+
 def test_the_background_takes_no_time_unless_packets_are_before_it() -> None:
     with (
         stepping() as gate,
