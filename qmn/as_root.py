@@ -3,10 +3,13 @@
 import os
 import shutil
 from collections.abc import Sequence
+from pathlib import Path
 
 from topologies.system.processes.programs import ROOT
 
-COMMAND = str(ROOT / "bin" / "qmn")
+# Of an installed package it is beside Python, which it names to the program.
+PYTHON = os.environ.get("QMN_PYTHON")
+COMMAND = str(Path(PYTHON).with_name("qmn") if PYTHON else ROOT / "bin" / "qmn")
 
 
 class NoRoot(Exception):

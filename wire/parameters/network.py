@@ -4,6 +4,7 @@ A program's configuration has the settings of its class here; the command line a
 of them as options, with these words, kinds, defaults and ranges.
 """
 
+import os
 from dataclasses import dataclass, fields
 from importlib.util import find_spec
 from math import inf
@@ -14,7 +15,8 @@ from wire.parameters.option import CONTROL, SIMULATION, WRITTEN, option
 
 BACKENDS = ("chp", "stim", "dense")
 FRAMEWORKS = ("ryu", "os-ken")
-FRAMEWORK = FRAMEWORKS[find_spec("ryu") is None]  # an installed package can be without Ryu
+# An installed package (setup/release/package.py) can be without Ryu.
+FRAMEWORK = FRAMEWORKS["QMN_PYTHON" in os.environ and find_spec("ryu") is None]
 OPENFLOW_PORT = 6653
 MOST_KM = 100_000.0  # of copper
 LEAST_MBPS, MOST_MBPS = 0.001, 10_000.0
