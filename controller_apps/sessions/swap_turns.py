@@ -46,12 +46,14 @@ class SwapTurns:
     def stored(self, at: SwitchPort, herald: AnalyserFrame) -> list[Swap]:
         """Note that a memory holds pulses; return the swaps that are due."""
         begun = self._begun.pop(at, None) if herald.first else None
-        if begun is not None:
-            herald = replace(begun, outcomes=begun.outcomes + herald.outcomes)
-        if len(herald.outcomes) < herald.pulses:
-            self._begun[at] = herald
+        before = begun.outcomes if begun and begun.number == herald.number else b""
+        if herald.first != len(before):  # a part of it was lost
             return []
-        self._held[at].append(herald)
+        whole = replace(herald, first=0, outcomes=before + herald.outcomes)
+        if len(whole.outcomes) < whole.pulses:
+            self._begun[at] = whole
+            return []
+        self._held[at].append(whole)
         return self._due()
 
     def measured(self, at: SwitchPort) -> tuple[Swap, list[Swap]]:
@@ -83,12 +85,17 @@ class SwapTurns:
         other = place - 1 if place % 2 == 0 else place + 1
         return [at, memories[other]] if 0 <= other < len(memories) else [at]
 
+    def _is_held(self, at: SwitchPort) -> bool:
+        """Whether both ends of a link hold the same block."""
+        heralds = [self._held[end] for end in self._link(at)]
+        return all(heralds) and len({each[0].pulses for each in heralds}) == 1
+
     def _due(self) -> list[Swap]:
         before = {0, *self._done}
         due = [
             place
             for place, swap in enumerate(self.swaps, 1)
-            if all(self._held[end] for hop in swap for end in self._link(SwitchPort(*hop[:2])))
+            if all(self._is_held(SwitchPort(*hop[:2])) for hop in swap)
             and place not in self._released | self._done
             and {self.turns[place].after_left, self.turns[place].after_right} <= before
         ]

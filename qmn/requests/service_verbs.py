@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from qmn.registered import SERVICE_VERBS, registered
+from wire.metadata.vocabulary import Service
 
 APPLICATION_PORT, SERVICE_PORT = 7, 9  # of messages, of other services
 
@@ -24,6 +25,16 @@ class Verb:
     keys: bool = False  # whether it leaves keys
     hand_out: str = ""  # MODULE:NAME of a context that takes keys out as they come, as --hand-out
     line: bool = False  # whether its hosts are named together, in an order
+
+
+def _registered() -> dict[str, Verb]:
+    """Return verbs of packages, but those of a service that is left out (wire/light.py)."""
+    verbs = {name: entry.load() for name, entry in registered(SERVICE_VERBS).items()}
+    return {
+        name: verb
+        for name, verb in verbs.items()
+        if all(each.upper() in Service.__members__ for each in verb.protocols or (name,))
+    }
 
 
 VERBS: Mapping[str, Verb] = MappingProxyType(
@@ -50,7 +61,7 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             "states",
             source=True,
         ),
-        **{name: entry.load() for name, entry in registered(SERVICE_VERBS).items()},
+        **_registered(),
     }
 )
 

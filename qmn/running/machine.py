@@ -8,21 +8,20 @@ import re
 import resource
 import shutil
 import subprocess
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import metadata
 from importlib.util import find_spec
 
+from qmn.project import project
 from qmn.timeouts import TRY_TIMEOUT_S
 from topologies.networks.network import LEAST_FILES
 from topologies.system import namespaces
 from topologies.system.open_vswitch import openvswitch
-from topologies.system.processes.programs import ROOT, NetworkError
+from topologies.system.processes.programs import ROOT, SETUP, NetworkError
 
 WORKS, LIMITED, FAILS, UNCHECKED = "works", "limited", "fails", "unchecked"
-CHECKOUT = (ROOT / "Makefile").exists()
-SETUP = "run `make setup`" if CHECKOUT else "run `qmn doctor --install`"
+PIP = SETUP if (ROOT / "Makefile").exists() else "install the package qmn again"
 SUDO = "run it with sudo"
 
 
@@ -126,13 +125,12 @@ def packages() -> Finding:
 
 def python_packages() -> Finding:
     """Packages of the programs: Mininet, of Debian, and what pyproject.toml lists."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    needed = [each for each in project["dependencies"] if ";" not in each]
+    needed = [each for each in project()["dependencies"] if ";" not in each]
     wanted = [re.split(r"[^\w.-]", each)[0] for each in needed]
     missing = [] if find_spec("mininet") else ["mininet"]
     missing += [name for name in wanted if not _installed(name)]
     if missing:
-        return Finding("Python packages", FAILS, f"missing: {', '.join(missing)}", SETUP)
+        return Finding("Python packages", FAILS, f"missing: {', '.join(missing)}", PIP)
     found = f"mininet and {len(wanted)} of pyproject.toml are installed"
     return Finding("Python packages", WORKS, found)
 

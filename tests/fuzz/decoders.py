@@ -456,5 +456,5 @@ FORMATS: dict[str, Target] = {
 TARGETS = FORMATS | of_programs.TARGETS
 
 EXCUSED = {  # what decodes or parses in wire/ and is not fed, and why
-    "wire.results.schema.decoded": "a file, spoiled in tests/unit/qmn/test_runs.py",
+    "wire.results.schema.decoded": "a file, spoiled in tests/unit/views/test_runs.py",
 }

@@ -6,7 +6,8 @@ import pytest
 from metadata_scene import ALICE, BOB, FRAMED, HOLD_S, IDLE_S, frame, payload_of, rotating
 
 from controller_apps.light.optics import SwitchPort
-from controller_apps.light.paths import HostPort, Network
+from controller_apps.light.paths import Hop, HostPort, Network
+from controller_apps.policy.schedules import schedule
 from controller_apps.sessions.actions import (
     Action,
     Emit,
@@ -17,6 +18,7 @@ from controller_apps.sessions.actions import (
 )
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.snapshot import decode_session
+from controller_apps.sessions.swap_turns import SwapTurns
 from controller_apps.sessions.terms import UNFILTERED
 from wire.analyser_frames import (
     BROADCAST,
@@ -212,3 +214,27 @@ def stored(arbiter: Arbiter, dpid: int) -> dict[int, set[tuple[int, int]]]:
 
 def closed(actions: list[Action]) -> set[int]:
     return {each.dpid for each in actions if isinstance(each, OpenPaths) and each.closed}
+
+
+@pytest.mark.parametrize(
+    "spoiled",
+    [
+        {"first": 2, "number": 4},  # of another block
+        {"first": 3},  # what is before it was lost
+        {"pulses": 5, "outcomes": bytes(3)},  # not as large as at the other end
+    ],
+)
+def test_heralds_that_do_not_fit_release_nothing(spoiled: dict[str, object]) -> None:
+    hops = (Hop(1, 61_001, 60_001), Hop(1, 61_002, 60_002)), (Hop(2, 61_001, 60_001),)
+    turns = SwapTurns(hops, schedule("parallel", 2))
+    left, right, far = (SwitchPort(1, 61_001), SwitchPort(1, 61_002), SwitchPort(2, 61_001))
+    halves = [AnalyserFrame(61_001, 3, End.STORED, 4, first, bytes(2)) for first in (0, 2)]
+    for at in (left, far):
+        for half in halves:
+            assert turns.stored(at, half) == []
+    assert turns.stored(right, halves[0]) == []
+    assert turns.stored(right, replace(halves[1], **spoiled)) == []  # type: ignore[arg-type]
+    # A whole one afterwards is taken, in place of the one that was spoiled.
+    if "pulses" not in spoiled:
+        assert turns.stored(right, halves[0]) == []
+        assert hops[0] in turns.stored(right, halves[1])

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from limits import SOON_S
 
+import qmn.project
 from qmn.running import machine
 from qmn.running.machine import FAILS, LIMITED, UNCHECKED, WORKS, Finding
 from qmn.verbs import doctor
@@ -77,7 +78,7 @@ def test_a_missing_python_package_is_named(monkeypatch: pytest.MonkeyPatch, tmp_
     wanted = '"rich", "no-such-package[extra]>=4.2"'
     (tmp_path / "pyproject.toml").write_text(f"[project]\ndependencies = [{wanted}]\n")
     assert machine.python_packages().state == WORKS
-    monkeypatch.setattr(machine, "ROOT", tmp_path)
+    monkeypatch.setattr(qmn.project, "ROOT", tmp_path)
     finding = machine.python_packages()
     assert (finding.state, finding.found) == (FAILS, "missing: no-such-package")
 

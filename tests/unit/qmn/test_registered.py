@@ -66,3 +66,16 @@ def test_a_verb_that_is_there_is_refused(tmp_path: Path) -> None:
     done = qmn(tmp_path, "--help")
     assert done.returncode == 1
     assert "greeting: qmn.verbs.run is the verb run; rename one" in done.stderr
+
+
+def test_a_broken_service_is_left_out_with_its_verb(tmp_path: Path) -> None:
+    install(
+        tmp_path, "[qmn.services]\nhum = greeting:HUM\n[qmn.service_verbs]\nhum = greeting:hum\n"
+    )
+    module = tmp_path / "greeting.py"
+    verb = "from qmn.requests.service_verbs import Verb\nhum = Verb('hum', 'hums')\n"
+    module.write_text(module.read_text() + verb)
+    done = qmn(tmp_path, "run", "--help")
+    assert (done.returncode, " hum " in done.stdout) == (0, False)
+    assert "service hum (greeting:HUM) is left out: " in done.stderr
+    assert "teleport states" in done.stdout

@@ -10,7 +10,7 @@ from pathlib import Path
 from topologies.system import namespaces
 from topologies.system.kernel import interfaces, packet_sockets
 from topologies.system.processes.commands import run
-from topologies.system.processes.programs import NetworkError, Program
+from topologies.system.processes.programs import SETUP, NetworkError, Program
 from topologies.timeouts import (
     INTERFACE_S,
     OPENVSWITCH_TIMEOUT_S,
@@ -53,7 +53,7 @@ def start(program: Callable[[str], Program]) -> None:
     Raise NetworkError if it does not start.
     """
     if not installed():
-        raise NetworkError("Open vSwitch is not installed; run `make setup`")
+        raise NetworkError(f"Open vSwitch is not installed; {SETUP}")
     if not namespaces.are_own():
         if not running():
             raise NetworkError(NOT_RUNNING)

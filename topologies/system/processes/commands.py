@@ -7,7 +7,7 @@ import subprocess
 import time
 from collections.abc import Callable, Iterable, Mapping
 
-from topologies.system.processes.programs import NetworkError
+from topologies.system.processes.programs import SETUP, NetworkError
 from topologies.timeouts import COMMAND_LOOK_S, COMMAND_TIMEOUT_S, INTERFACE_S
 
 WITH_THIS_PROCESS = "setpriv", "--pdeathsig", "KILL"  # ends what follows with who starts it
@@ -35,7 +35,7 @@ def run(
     It ends if this process is killed: what it would go on with, the next run has removed by then.
     """
     if shutil.which(command[0]) is None:
-        raise NetworkError(f"{command[0]} is not installed; run `make setup`")
+        raise NetworkError(f"{command[0]} is not installed; {SETUP}")
     # In a session of its own: a Ctrl-C must not leave half of what it does undone.
     with subprocess.Popen(
         [*WITH_THIS_PROCESS, *command],

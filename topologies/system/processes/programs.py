@@ -16,6 +16,7 @@ from topologies.system.processes.owners import owner
 from topologies.timeouts import POLL_S, STOP_TIMEOUT_S
 
 ROOT = Path(__file__).resolve().parents[3]
+SETUP = "run " + ("`make setup`" if (ROOT / "Makefile").exists() else "`qmn doctor --install`")
 ENVIRONMENT = {
     "PYTHONPATH": str(ROOT),
     **dict(

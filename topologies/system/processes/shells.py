@@ -16,7 +16,7 @@ from typing import Any
 from mininet.log import warn
 
 from topologies.system.processes.owners import owner
-from topologies.system.processes.programs import NetworkError, callers_environment
+from topologies.system.processes.programs import SETUP, NetworkError, callers_environment
 from topologies.timeouts import COMMAND_TIMEOUT_S, END_TIMEOUT_S, SHELL_POLL_MS, SHELL_TIMEOUT_S
 
 PROMPT = chr(127)  # Mininet's
@@ -52,7 +52,7 @@ class ShellWatcher:
         """
         for program in NEEDED:
             if shutil.which(program) is None:
-                raise NetworkError(f"{program} is not installed; run `make setup`")
+                raise NetworkError(f"{program} is not installed; {SETUP}")
 
     @property
     def shell_ended(self) -> bool:
