@@ -27,7 +27,7 @@ from uuid import UUID
 
 import numpy as np
 
-from applications.key_distribution.options import bound_option
+from applications.key_distribution.options import bound_option, check_decoder
 from applications.qkd.authentication import TAG_BYTES, ForgedMessage, KeyPoolExhausted
 from applications.qkd.bits import Bits
 from applications.qkd.conference import Contradiction, Pools
@@ -108,6 +108,7 @@ class ConferenceOptions(GhzOptions):
 
     def check(self) -> None:
         super().check()
+        check_decoder()
         for name, most in (("test_fraction", 0.5), ("max_qber", 0.5), ("epsilon", 1)):
             value = getattr(self, name)
             if not isinstance(value, float) or not 0 < value < most:

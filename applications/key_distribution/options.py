@@ -1,6 +1,7 @@
 """Options of key distribution."""
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Any
 
 from applications.qkd.messages import Bound, Reconciliation
@@ -74,6 +75,8 @@ class KeyOptions(ServiceOptions):
     def check(self) -> None:
         super().check()
         check_seconds(self.seconds)
+        if CORRECTIONS.get(self.correction) == Reconciliation.LDPC:
+            check_decoder()
         if self.block_pairs / self.rate_hz > MAX_BLOCK_S:
             raise SessionError(
                 Reason.UNSUPPORTED,
@@ -107,6 +110,13 @@ class KeyOptions(ServiceOptions):
             bound=BOUNDS[self.bound],
             reconciliation=CORRECTIONS[self.correction],
         )
+
+
+def check_decoder() -> None:
+    """Raise SessionError if LDPC codes cannot be decoded here (docs/packages.md)."""
+    if find_spec("ldpc") is None:
+        text = "ldpc is not installed, which decodes LDPC codes: pip install 'qmn[ldpc]'"
+        raise SessionError(Reason.UNSUPPORTED, text)
 
 
 def check_seconds(seconds: Any) -> None:

@@ -1,5 +1,6 @@
 """The input of `qmn run qkd`, and what it refuses before anything starts."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -120,3 +121,11 @@ def test_a_request_builds_its_topology_once(
     monkeypatch.setattr(QuantumTopo, "_add_nodes", count)
     _request, network = checked(parse("qkd", *words))
     assert built == [network.topo]
+
+
+def test_ldpc_without_its_package_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ldpc", None)  # as where it is not installed
+    checked(parse("qkd"))
+    for words in (["qkd", "--correction", "ldpc"], ["conference"]):
+        with pytest.raises(BadInput, match=r"pip install 'qmn\[ldpc\]'"):
+            checked(parse(*words))
