@@ -24,6 +24,7 @@ from ipaddress import IPv4Address
 from itertools import count
 
 from copper.acknowledgements import IPV4, Acknowledgements, message_bytes
+from programs.timeouts import STALL_S
 from wire.config import CopperConfig
 from wire.network_time import CABLES, NEVER, GateClient, SteppedTime
 from wire.parameters.delays import draws, is_queued
@@ -32,7 +33,6 @@ MOST_BYTES = 1 << 16
 AT_ONCE = 64  # frames read from one end before the next is served
 CLOSED_AT_ONCE = 64  # ends
 QUEUE_BYTES = 1 << 20  # of each direction of a slow cable
-STALL_S = 0.2  # of the wall, without a packet or a leap
 ENDS = slice(26, 38)  # addresses and ports of a frame with IPv4
 ARP = b"\x08\x06"
 # Where sender and target are, behind the Ethernet header.

@@ -5,3 +5,4 @@ SHARES_LOOK_S = 1.0  # between two looks at the connections that gRPC has
 HANDSHAKE_TIMEOUT_S = 30  # of who connects to a gRPC server, until HTTP/2 has begun
 SILENT_S = 60  # until a gRPC server asks who says nothing for an answer; and until it must be there
 FRESH_S = 0.1  # that a table of connections is used: another user may have a port afterwards
+STALL_S = 0.2  # of the wall, without a packet or a leap: an acknowledgement may be awaited

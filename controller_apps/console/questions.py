@@ -47,7 +47,7 @@ def ask(app: Any, name: str, **fields: Any) -> Any:
 def reply(question: EventQuestion, handlers: dict[str, Callable[..., Any]]) -> None:
     try:
         if question.name not in handlers:
-            raise Refused(f"{question.name!r} is no question to this app")
+            raise Refused(f"this app does not answer {question.name!r}")
         question.answer(handlers[question.name](**question.fields))
     except Refused as refused:
         question.answer(refused)
