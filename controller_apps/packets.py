@@ -203,8 +203,8 @@ def is_udp(frame: bytes) -> bool:
     return frame[12:14] == b"\x08\x00" and version_4 and frame[23:24] == b"\x11"
 
 
-def is_announcement(frame: bytes) -> bool:
-    """Tell whether a frame is LLDP, or an agent's announcement of its node."""
+def is_management(frame: bytes) -> bool:
+    """Tell whether a frame is LLDP, or from an agent or a key manager to the controller."""
     if frame[12:14] == LLDP:
         return True
     try:

@@ -32,7 +32,7 @@ class Interception:
         return self._passing.summary
 
     async def run(self, tell: Tell) -> None:
-        """Go on until cancelled; tell of each block. Raise HardwareError if it cannot go on."""
+        """Go on until cancelled; report each block. Raise HardwareError if it cannot go on."""
         try:
             async for block in self._arrivals:
                 try:

@@ -9,7 +9,7 @@ from typing import Any
 from controller_apps.console.views import light_view, name_of, request_view
 from controller_apps.devices.hosts_state import Place
 from controller_apps.light.paths import Network, switches
-from controller_apps.packets import FiveTuple, is_announcement, is_without_data
+from controller_apps.packets import FiveTuple, is_management, is_without_data
 from controller_apps.record import PortLines, Record
 from controller_apps.sessions.actions import Drop, Note
 from controller_apps.sessions.link_monitors import Links, names_of
@@ -43,10 +43,10 @@ class Journal:
     def packet_came(self, frame: bytes) -> None:
         """Count a packet; apart, what sessions and hosts send once time has begun.
 
-        How many segments without data there are, and announcements, follows the wall.
+        How many segments without data there are, and announcements and reports, follows the wall.
         """
         self.packet_ins += 1
-        follows_wall = is_announcement(frame) or is_without_data(frame)
+        follows_wall = is_management(frame) or is_without_data(frame)
         self.packet_in_count += self._time.has_begun and not follows_wall
 
     def time_passed(self) -> None:

@@ -68,7 +68,7 @@ class Interception(Protocol):
         """Counts so far."""
 
     async def run(self, tell: Callable[..., Awaitable[None]]) -> None:
-        """Go on until cancelled; tell of each block. Raise HardwareError if it cannot go on."""
+        """Go on until cancelled; report each block. Raise HardwareError if it cannot go on."""
 
 
 Prepare = Callable[[HostConfig, Callable[[int], Qnic], dict[str, Any]], Interception]

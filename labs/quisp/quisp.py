@@ -8,7 +8,7 @@ from typing import Any
 from evidence.curves.estimates import Estimate, proportion
 from evidence.labs.lab import Chart, Finding, Lab, Published, Runs
 
-TOLD = json.loads(Path(__file__).with_name("figures.json").read_text())
+REFERENCE = json.loads(Path(__file__).with_name("figures.json").read_text())
 CONFIDENCE_95 = 1.959964  # standard errors
 PAIRS = "--count 20000 --sample 0.5 --captures none --without report,record"
 # By what is compared: the run, and what says which sources make the pairs, and what is noisy.
@@ -50,24 +50,24 @@ def findings(runs: Runs) -> Sequence[Finding]:
     """Return fidelities, and success of one round; readings of the estimate are corrected for."""
     found = []
     for figure, task in POINTS:
-        told = runs[f"{figure['name']}-{task}"].job.asking
+        asking = runs[f"{figure['name']}-{task}"].job.asking
         kept = (2 * figure["readout"] - 1) ** 2 if task == "purified" else 1.0  # by two readings
-        width = told.fidelity_high - told.fidelity_low
-        estimate = 1 / 4 + (told.fidelity - 1 / 4) / kept
+        width = asking.fidelity_high - asking.fidelity_low
+        estimate = 1 / 4 + (asking.fidelity - 1 / 4) / kept
         ours = {task: Estimate(estimate, width / 2 / CONFIDENCE_95 / kept)}
         if task == "purified":
-            ours["success"] = proportion(told.survived, told.compared)
+            ours["success"] = proportion(asking.survived, asking.compared)
         words = "F {fidelity:g}, gates {gate:g}, readings {readout:g}".format(**figure)
         for what, our in ours.items():
             name = f"{what}: {words}"
             chart = "swapped" if what == "switched" else what
             value, error = figure[chart]
-            their = Published(value, error, TOLD["program"])
+            their = Published(value, error, REFERENCE["program"])
             found.append(Finding(chart, name, our, their, value, error))
     return found
 
 
-POINTS = [(figure, task) for figure in TOLD["figures"] for task in tasks(figure)]
+POINTS = [(figure, task) for figure in REFERENCE["figures"] for task in tasks(figure)]
 LAB = Lab(
     title="purification and swapping by noisy gates and readings, as QuISP has it",
     paper="Chung et al., Cross-Validating Quantum Network Simulators (2025), arXiv:2504.01290",

@@ -6,7 +6,7 @@ import pytest
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 
-from controller_apps.packets import Frame, is_announcement, is_udp
+from controller_apps.packets import Frame, is_management, is_udp
 from wire.malformed import MalformedPacket
 
 FRAME = Frame(
@@ -76,7 +76,7 @@ def test_other_traffic_is_not_taken_for_datagrams() -> None:
 
 
 @pytest.mark.parametrize(
-    ("frame", "announces"),
+    ("frame", "manages"),
     [
         (Ether(type=0x88CC) / b"\2\7\4", True),  # LLDP
         (Ether() / IP() / UDP(dport=9012), True),
@@ -85,5 +85,5 @@ def test_other_traffic_is_not_taken_for_datagrams() -> None:
         (Ether() / IP(proto=6) / (b"\0" * 20), False),
     ],
 )
-def test_announcements_are_lldp_and_what_agents_send(frame: Ether, announces: bool) -> None:
-    assert is_announcement(bytes(frame)) is announces
+def test_management_is_lldp_and_what_agents_send(frame: Ether, manages: bool) -> None:
+    assert is_management(bytes(frame)) is manages

@@ -79,11 +79,11 @@ class Knowing:
 def test_devices_are_shown_with_what_they_have_announced() -> None:
     switch = {"name": "q1", "kind": "quantum-switch"}
     devices = [switch, *({"name": name, "kind": "host"} for name in ("alice", "bob"))]
-    told = {"features": ["store"], "memory_qubits": 32}
-    shown = Facts(Knowing({"alice": told}), Knowing(devices)).devices()
+    report = {"features": ["store"], "memory_qubits": 32}
+    shown = Facts(Knowing({"alice": report}), Knowing(devices)).devices()
     assert shown == [
         switch,
-        {"name": "alice", "kind": "host", **told},
+        {"name": "alice", "kind": "host", **report},
         {"name": "bob", "kind": "host", "features": None, "memory_qubits": None},
     ]
 
