@@ -61,7 +61,7 @@ def cables(
         for (one, other), delay_s in zip(pairs, delays_s, strict=True)
     ]
     forwarder = Forwarder(CopperConfig(laid, "10.0.0.4", time_scale=scale, time_folder=time_folder))
-    thread = Thread(target=forwarder.run)
+    thread = Thread(target=forwarder.run, daemon=True)
     thread.start()
     try:
         yield [(one[1], other[1]) for one, other in pairs]

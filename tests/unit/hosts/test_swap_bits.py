@@ -7,10 +7,14 @@ import pytest
 from limits import until
 
 from hosts import network_loop
+from hosts.middleware.services.swapping.link import fiber_of, setup_of_link
 from hosts.middleware.services.swapping.spans import Bits
 from hosts.middleware.session import swap_orders
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.swap_orders import MAX_ORDERS, Swaps
-from wire.device import SwapOrder
+from wire.device import NOBODY, SwapOrder
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Handshake, Service
 
 
 def bits(seen: list[int], operators: list[int]) -> Bits:
@@ -39,6 +43,27 @@ def test_the_link_to_the_right_is_the_one_that_comes_from_the_left_there() -> No
         left, right = SwapOrder(1, session, 1, "10.0.0.2"), SwapOrder(1, session, 2)
         assert left.outgoing == right.incoming
         assert 0 <= left.outgoing <= last
+
+
+def test_a_link_is_lit_by_its_left_end_unless_a_station_heralds_it() -> None:
+    """And asks for no fidelity: that of the chain is of its ends."""
+    asked = Setup(5, Service.SWAP, Handshake.FRAMED, "10.0.0.9", 6, 1, 1_000_000, fidelity_ppm=7)
+    for station in (NOBODY, "10.0.0.8"):
+        order = SwapOrder(5, 11, 1, "10.0.0.3", station=station)
+        setup = setup_of_link(order, asked, "10.0.0.2")
+        assert setup.source == ("10.0.0.2" if station == NOBODY else station)
+        assert (setup.session, setup.service) == (order.outgoing, Service.LINK)
+        assert (setup.pairs, setup.rate_hz, setup.fidelity_ppm) == (6, 1_000_000, 0)
+
+
+@pytest.mark.parametrize("number", [0, 1, 2, 3])
+def test_an_order_names_one_of_the_fibres_that_there_are(number: int) -> None:
+    ports = ("q0", "q1")
+    if number < len(ports):
+        assert fiber_of(ports, number) == ports[number]
+        return
+    with pytest.raises(SessionError, match=rf"fibre {number} .*, this host has 2$"):
+        fiber_of(ports, number)
 
 
 def test_orders_whose_sessions_never_come_make_room_for_others() -> None:

@@ -7,12 +7,14 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
+from limits import wait_until
 from mininet.node import Node
 from mininet.topo import Topo
 
 from topologies.networks.network import Network, Signals
 from topologies.system.kernel.interfaces import set_up, within
 from topologies.system.processes import shells
+from topologies.system.processes.owners import owner
 from topologies.system.processes.programs import NetworkError
 from topologies.system.processes.shells import ShellWatcher
 from topologies.system.runs.runtime import Runtime
@@ -55,6 +57,23 @@ def test_a_busy_shell_is_ended_with_its_command(command: str) -> None:
     node.sendCmd(command)
     node.terminate()
     assert shell.poll() is not None
+
+
+def test_what_a_shell_left_in_the_background_ends_with_it() -> None:
+    """Also what takes no hang-up; it is in the shell's process group."""
+    node = Watched("watched", inNamespace=False)
+    left = int(node.cmd("(trap '' HUP; exec sleep 600) & echo $!").split()[-1])
+    assert owner(left) is not None
+    node.terminate()
+    wait_until(lambda: has_ended(left), "the program in the background has ended")
+
+
+def has_ended(pid: int) -> bool:
+    """Tell whether a process has: it may be one that nobody has waited for yet."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return True
 
 
 @pytest.mark.parametrize(

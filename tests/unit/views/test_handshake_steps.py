@@ -92,6 +92,18 @@ def test_rubbish_and_gaps_hide_no_later_message(tmp_path: Path) -> None:
     assert [message for *_where, message in messages(tmp_path / "a.pcap")] == [SETUP]
 
 
+@pytest.mark.parametrize("length", range(20, 41))
+def test_a_packet_that_says_it_ends_in_its_headers_has_no_message(
+    tmp_path: Path, length: int
+) -> None:
+    """Its length by IP; with 20 bytes there is no TCP in it, with 40 no data."""
+    whole = segment(THERE, 1, ANSWER.encode())
+    short = whole[:16] + length.to_bytes(2) + whole[18:]
+    for number, data in enumerate((short, short[: 14 + length])):
+        capture(tmp_path / f"{number}.pcap", [(0, data), (1, segment(THERE, 1, SETUP.encode()))])
+        assert [each for *_where, each in messages(tmp_path / f"{number}.pcap")] == [SETUP]
+
+
 def test_a_capture_that_is_none_is_refused(tmp_path: Path) -> None:
     (tmp_path / "s1-eth1.pcap").write_bytes(b"no capture at all, but long enough for its header")
     with pytest.raises(MalformedPacket, match="not a pcap file"):
