@@ -1,13 +1,14 @@
 """The noise models of a fibre: those whose parameters say that something happens."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from dispatcher.fiber import custom_noise
 from dispatcher.fiber.classical_light import ClassicalLight
 from dispatcher.fiber.fluctuations import Bursts, PhaseDrift, PolarizationDrift, ThermalDrift
 from dispatcher.fiber.noise import (
+    MEMORYLESS,
     Dephasing,
     Depolarizing,
     Loss,
@@ -29,6 +30,18 @@ def models(optics: FiberOptics) -> dict[str, NoiseModel]:
     return {
         f"{number} {type(model).__name__}": model for number, model in enumerate(_models(optics))
     }
+
+
+def meets(encoding: str, model: NoiseModel) -> bool:
+    if isinstance(model, ClassicalLight):
+        return not model.dark
+    return encoding == "time-bin" or not isinstance(model, PhaseDrift)
+
+
+def obstacle(encoding: str, models: Iterable[NoiseModel]) -> str:
+    """Return which noise of a fibre weak pulses have to be drawn for; empty: none."""
+    met = (model for model in models if meets(encoding, model))
+    return next((type(each).__name__ for each in met if not isinstance(each, MEMORYLESS)), "")
 
 
 @dataclass(frozen=True)

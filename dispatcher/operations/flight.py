@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from dispatcher.clock import Clock
 from dispatcher.devices.overlap import angular_width
 from dispatcher.fiber.custom_noise import OwnNoise, of_all
+from dispatcher.fiber.fiber_noise import meets, obstacle
 from dispatcher.fiber.noise import MEMORYLESS, Effect, NoiseModel, Passage, Pattern, Schedule
 from dispatcher.fiber.polarization_modes import PolarizationDependentLoss, effect_on
 from dispatcher.fiber.turn import Turn
@@ -26,7 +27,7 @@ from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
 from dispatcher.layer.ownership import Block, ExtraPairs
 from dispatcher.operations import weak_light
-from dispatcher.operations.paths import MAX_FIBERS, meets, nanoseconds, path_of
+from dispatcher.operations.paths import MAX_FIBERS, nanoseconds, path_of
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import Refusal
 from dispatcher.sabot.kraus import Operators
@@ -310,7 +311,7 @@ class Flight:
         beam.dispersion_ps_per_nm += line.fiber.dispersion_ps_per_nm
         encoding = block.pulses.encoding
         models = {name: each for name, each in line.noise.items() if meets(encoding, each)}
-        if not self._draw_for(beam, weak_light.obstacle(models.values())):
+        if not self._draw_for(beam, obstacle(encoding, models.values())):
             return
         for name, model in models.items():
             history = self._layer.history.of_model(line.near.node, line.near.port, name)

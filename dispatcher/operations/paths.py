@@ -5,9 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dispatcher.fiber.classical_light import ClassicalLight
-from dispatcher.fiber.fluctuations import PhaseDrift
-from dispatcher.fiber.noise import Loss, NoiseModel
+from dispatcher.fiber.noise import Loss
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
 from dispatcher.switch.optical_switch import OpticalSwitch
@@ -58,9 +56,3 @@ def path_of(layer: PhysicalLayer, start: FiberEnd, frequency_mhz: int) -> Iterat
         yield Step(line, delay_ps, transmission, crossing)
         if crossing is not None:
             transmission = crossing.transmission
-
-
-def meets(encoding: str, model: NoiseModel) -> bool:
-    if isinstance(model, ClassicalLight):
-        return not model.dark
-    return encoding == "time-bin" or not isinstance(model, PhaseDrift)

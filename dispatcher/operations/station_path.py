@@ -14,13 +14,14 @@ from dispatcher.approximations import EXACT, Approximations
 from dispatcher.devices.overlap import angular_width
 from dispatcher.fiber.channels import ChannelCrosstalk
 from dispatcher.fiber.classical_light import ClassicalLight
+from dispatcher.fiber.fiber_noise import meets
 from dispatcher.fiber.noise import Loss, Passage, Pattern, Schedule
 from dispatcher.fiber.polarization_modes import effect_on
 from dispatcher.fiber.turn import Turn
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
 from dispatcher.layer.ownership import BlockName
-from dispatcher.operations.paths import Crossing, Step, meets, nanoseconds, path_of
+from dispatcher.operations.paths import Crossing, Step, nanoseconds, path_of
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import precondition
 from dispatcher.sabot.registers import Mask

@@ -6,7 +6,7 @@ photons first, for all pulses: it is a block like others then, and the event log
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from dispatcher.devices.detector import Slots, Train
 from dispatcher.devices.detectors import Detection, ExtraBits
 from dispatcher.devices.source import misprepared
+from dispatcher.fiber.fiber_noise import obstacle
 from dispatcher.fiber.noise import MEMORYLESS, Loss, Memoryless, NoiseModel
 from dispatcher.layer import pulses
 from dispatcher.layer.layer import PhysicalLayer
@@ -27,7 +28,7 @@ from dispatcher.layer.weak_pulses import (
     weak_pulses,
 )
 from dispatcher.operations import emission
-from dispatcher.operations.paths import Step, meets, path_of
+from dispatcher.operations.paths import Step, path_of
 from dispatcher.photon_random import PhotonRandom, PhotonsByKey, Source
 from dispatcher.refusal import exhausted
 from dispatcher.sabot.backend import Bytes
@@ -66,12 +67,6 @@ def require(layer: PhysicalLayer, name: BlockName, node: str) -> Block:
     block = layer.ownership.require(name, node)
     draw(layer, f"an operation of {node}", block)
     return block
-
-
-def obstacle(models: Iterable[NoiseModel]) -> str:
-    """Return which noise of a fibre weak pulses have to be drawn for; empty: none."""
-    others = (type(model).__name__ for model in models if not isinstance(model, MEMORYLESS))
-    return next(others, "")
 
 
 def meet(light: WeakPulses, model: NoiseModel, random: PhotonRandom) -> int:
@@ -116,9 +111,8 @@ def prepare(layer: PhysicalLayer, block: Block, end: FiberEnd, frequency_mhz: in
 
 
 def _is_obstacle(step: Step, block: Block) -> bool:
-    models = (each for each in step.line.noise.values() if meets(block.pulses.encoding, each))
     strays = step.crossing is not None and step.crossing.switch.config.crosstalk_db is not None
-    return strays or bool(obstacle(models))
+    return strays or bool(obstacle(block.pulses.encoding, step.line.noise.values()))
 
 
 def draw(layer: PhysicalLayer, why: str, *blocks: Block) -> None:

@@ -1,6 +1,6 @@
 """The jobs of services that are about a number of things, as states or pairs: qmn run SERVICE."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from math import ceil
 from pathlib import Path
@@ -22,17 +22,18 @@ from qmn.network.checks import FROM_TO, LINE, check_network, check_two_hosts
 from qmn.network.custom_topology import is_custom
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.felt_settings import Felt, checked_settings, everything, felt_by
-from qmn.network.light_checks import check_light
+from qmn.network.light_checks import check_light, laser_pulses
 from qmn.options import BadInput, check_ranges
 from qmn.requests.service import ServiceRequest
 from qmn.requests.service_verbs import VERBS, Verb, verb_name, verb_of
 from qmn.results.run_folder import begin_folder
+from topologies.description.description import Description
 from topologies.networks.network import Signals, require_free
 from wire.features import EMIT
 from wire.light import Role
 from wire.metadata.vocabulary import Service
 from wire.parameters.checks import remedy
-from wire.parameters.physics import BEAM_SPLITTER, Device
+from wire.parameters.physics import BEAM_SPLITTER
 from wire.services import PREPARED, is_relayed, used_parts, uses_source
 from wire.socket_calls import SPLIT
 
@@ -139,14 +140,18 @@ def check_attack(request: ServiceRequest) -> None:
     splits = request.eve_attack == SPLIT
     if splits and request.eve != 1:
         raise BadInput(f"--eve-attack {SPLIT} is on every pulse: say --eve 1")
-    service = Service[request.service.upper()]
-    if splits and (service not in PREPARED or uses_source(service)):
+    if splits and not is_prepared(request.service):
         raise BadInput(
             f"--eve-attack {SPLIT}: in {request.service} no sender prepares pulses; "
             "choose --protocol bb84"
         )
     if request.eve_hides_db is not None and not splits:
         raise BadInput(f"--eve-hides-db is of --eve-attack {SPLIT}: say both, or neither")
+
+
+def is_prepared(service: str) -> bool:
+    """Return whether one host sends the other states of its own."""
+    return (asked := Service[service.upper()]) in PREPARED and not uses_source(asked)
 
 
 def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription]:
@@ -206,7 +211,7 @@ def fitted(
     if planned and request.network.policy:
         text = "--schedule and --purify make a policy of their own"
         raise BadInput(f"{text}: write [swap] schedule and rounds into --policy")
-    options = fitting_light(request, network.parts.hosts.values())
+    options = fitting_light(request, network.parts)
     check_options(options, request.network.backend)
     return replace(request, options=options), network, felt
 
@@ -267,16 +272,19 @@ def check_options(options: ServiceOptions, backend: str) -> None:
         )
 
 
-def fitting_light(request: ServiceRequest, devices: Iterable[Device]) -> ServiceOptions:
+def fitting_light(request: ServiceRequest, parts: Description) -> ServiceOptions:
     """Return the session's options with a rate and a size of blocks that every source can make.
 
-    Values that the user named stay.
+    Values that the user named stay. A laser's blocks are long, if few of their pulses may click.
     """
     options, rate_hz, block_pairs = request.options, request.rate_hz, request.block_pairs
-    sources = [device.source for device in devices if EMIT in device.features]
+    sources = [device.source for device in parts.hosts.values() if EMIT in device.features]
     if rate_hz is None:
         slowest = min((source.max_rate_hz for source in sources), default=options.rate_hz)
         rate_hz = max(1, int(min(options.rate_hz, slowest)))
     if block_pairs is None:
         block_pairs = min(options.block_pairs, max(1, int(rate_hz * MAX_BLOCK_S)))
+        if is_prepared(request.service) and request.eve is None:
+            pulses = laser_pulses(request.sender, request.receiver, parts, rate_hz)
+            block_pairs = max(block_pairs, pulses)
     return replace(options, rate_hz=rate_hz, block_pairs=block_pairs)

@@ -8,8 +8,8 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
-from programs.shortest_paths import Distances, shortest
 from qmn.network.description import NetworkDescription
+from qmn.network.light_checks import loss_to_click
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput
 from qmn.timeouts import START_TIMEOUT_S
@@ -43,25 +43,10 @@ class Attack:
 
 def splitting(hides_db: float, receiver: str, parts: Description) -> Attack:
     onward_db = loss_to_click(EVE, receiver, parts)
+    if onward_db == math.inf:
+        text = f"no light of {EVE} makes a detector of {receiver} click"
+        raise BadInput(f"--eve-attack {SPLIT}: {text}")
     return Attack(1.0, SPLIT, onward_db + hides_db, onward_db)
-
-
-def loss_to_click(begin: str, end: str, parts: Description) -> float:
-    """Return what light loses at least by fibres, switches and detectors, from host to host."""
-    ways: Distances = {}
-    for fiber in parts.fibers:
-        optics = fiber.optics
-        fiber_db = optics.length_km * optics.loss_db_per_km + optics.connectors_db
-        for node, far in ((fiber.a, fiber.b), (fiber.b, fiber.a)):
-            if node == begin or node in parts.switches:  # other hosts pass nothing on
-                passing = parts.switches[node].insertion_loss_db if node in parts.switches else 0.0
-                there = ways.setdefault(node, {})
-                there[far] = min(passing + fiber_db, there.get(far, math.inf))
-    nearest = shortest(ways, begin)
-    efficiency = parts.hosts[end].detectors.efficiency
-    if end not in nearest or not efficiency:
-        raise BadInput(f"--eve-attack {SPLIT}: no light of {begin} makes a detector of {end} click")
-    return nearest[end] - 10 * math.log10(efficiency)
 
 
 def with_eve(network: NetworkOptions) -> NetworkOptions:

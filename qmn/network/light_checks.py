@@ -1,12 +1,16 @@
 """Checks whether a network can have the light that a job needs: who makes its pairs, and ways.
 
+And how much of it arrives, which is what a block of a laser's pulses costs.
+
 charlie ===== q1 ===== bob      sdc: a source that is neither end, two fibres at bob, and ways of
               `------- alice    fibres and quantum switches between all three
 """
 
-from collections.abc import Collection, Sequence
+import math
+from collections.abc import Collection, Iterator, Sequence
 from itertools import pairwise
 
+from dispatcher.fiber import fiber_noise
 from programs.shortest_paths import Distances, shortest
 from qmn.options import BadInput
 from topologies.description.description import Description
@@ -101,3 +105,45 @@ def _refuse_dark(
 def _beside(host: str, parts: Description) -> str:
     ends = ({fiber.a, fiber.b} - {host} for fiber in parts.fibers if host in (fiber.a, fiber.b))
     return min(next(ends, {host}))
+
+
+BLOCK_PHOTONS = 200_000  # of a laser that may click
+
+
+def laser_pulses(opener: str, acceptor: str, parts: Description, rate_hz: int) -> int:
+    """Return how many pulses of a laser make a good block, of one second at most.
+
+    0: all of them have to be simulated.
+    """
+    source, detectors = parts.hosts[opener].source, parts.hosts[acceptor].detectors
+    laser = source.statistics == "poisson" and not source.heralding_efficiency and not source.noise
+    if not laser or detectors.noise or any(_draws_all(source.encoding, parts)):
+        return 0
+    photons = source.mean_pairs * 10 ** (-loss_to_click(opener, acceptor, parts) / 10)
+    return int(min(rate_hz, BLOCK_PHOTONS / photons if photons else math.inf))
+
+
+def _draws_all(encoding: str, parts: Description) -> Iterator[bool]:
+    """Yield of each part of the network whether all pulses are simulated that meet it."""
+    for fiber in parts.fibers:
+        yield fiber.optics.channel_crosstalk_db is not None
+        yield bool(fiber_noise.obstacle(encoding, fiber_noise.models(fiber.optics).values()))
+    for switch in parts.switches.values():
+        yield switch.crosstalk_db is not None
+
+
+def loss_to_click(begin: str, end: str, parts: Description) -> float:
+    """Return what light loses at least by fibres, switches and detectors, from host to host (dB).
+
+    That is infinity if none comes there.
+    """
+    ways: Distances = {}
+    for fiber in parts.fibers:
+        for node, far in ((fiber.a, fiber.b), (fiber.b, fiber.a)):
+            if node == begin or node in parts.switches:  # other hosts pass nothing on
+                passing = parts.switches[node].insertion_loss_db if node in parts.switches else 0.0
+                there = ways.setdefault(node, {})
+                there[far] = min(passing + fiber.optics.loss_db, there.get(far, math.inf))
+    efficiency = parts.hosts[end].detectors.efficiency
+    clicks_db = -10 * math.log10(efficiency) if efficiency else math.inf
+    return shortest(ways, begin).get(end, math.inf) + clicks_db

@@ -129,3 +129,34 @@ def test_ldpc_without_its_package_is_refused(monkeypatch: pytest.MonkeyPatch) ->
     for words in (["qkd", "--correction", "ldpc"], ["conference"]):
         with pytest.raises(BadInput, match=r"pip install 'qmn\[ldpc\]'"):
             checked(parse(*words))
+
+
+OF_LASER = ("source.statistics=poisson", "source.mean_pairs=0.5")
+LASER = [
+    *("qkd", "--rate-hz", "1000000000", "--fiber", "alice-q1.connectors_db=27"),
+    *(word for setting in OF_LASER for word in ("--device", f"alice.{setting}")),
+    *("--device", "bob.detectors.efficiency=0.5"),
+]
+BY_DEFAULT = 131_072
+
+
+@pytest.mark.parametrize(
+    ("words", "pulses"),
+    [
+        ((), 400_949_786),  # of 0.5 photons; 200,000 come through 27 dB and click with 0.5
+        (("--fiber", "alice-q1.connectors_db=7"), 4_009_497),
+        (("--switch", "q1.insertion_loss_db=10"), 1_000_000_000),  # a second
+        (("--switch", "q1.crosstalk_db=50"), BY_DEFAULT),
+        (("--fiber", "q1-bob.pdl_db=0.1"), BY_DEFAULT),
+        (("--fiber", "phase_drift_rad_per_sqrt_km=0.1"), 400_949_786),  # of time bins alone
+        (("--eve", "0.1"), BY_DEFAULT),
+        (("--block-pairs", "5000"), 5000),
+        (("--rate-hz", "50000000"), 50_000_000),
+        (("--device", "alice.source.heralding_efficiency=0.5"), BY_DEFAULT),
+    ],
+)
+def test_a_block_of_a_laser_is_as_long_as_little_of_it_may_click(
+    words: tuple[str, ...], pulses: int
+) -> None:
+    request, _network = checked(parse(*LASER, *words))
+    assert request.options.block_pairs == pulses
