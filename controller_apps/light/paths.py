@@ -126,6 +126,7 @@ class Network:
     broken: dict[SwitchPort, SwitchPort] = field(default_factory=dict)  # links before they were cut
     names: dict[int, str] = field(default_factory=dict)  # of switches, for people
     inner: dict[int, frozenset[int]] = field(default_factory=dict)  # inner ports, by switch
+    modes: dict[SwitchPort, int] = field(default_factory=dict)  # qubits that memories there take
     closed: frozenset[frozenset[str]] = frozenset()  # switches, by name, between which none may go
     wiring: int = field(default=0, init=False, compare=False)  # another one if links change
     _bounds: Kept[SwitchPort, dict[int, Bound]] = field(

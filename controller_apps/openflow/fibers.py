@@ -181,6 +181,8 @@ class Fibers:
         if optical_messages.is_inner(port):
             others = self.network.inner.get(at.dpid, frozenset()) - {at.port}
             self.network.inner[at.dpid] = others | ({at.port} if whole else frozenset())
+            if (modes := optical_messages.modes_of(port)) is not None:
+                self.network.modes[at] = modes
             return False
         optics = optical_messages.port_optics(port)
         if optics is not None:

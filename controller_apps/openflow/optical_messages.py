@@ -13,6 +13,8 @@ from wire.optical import (
     PortOptics,
 )
 
+MODES = 2  # behind kind, half and number, by 32 bits (wire/analyser_frames.py)
+
 
 def ask_paths(datapath: Datapath) -> Any:
     return parser.OFPExperimenterStatsRequest(datapath, 0, EXPERIMENTER, PATH_OPTICS, b"")
@@ -48,6 +50,14 @@ def is_inner(port: Any) -> bool:
     """Tell whether a port is inside a quantum switch, where neither fibre nor copper ends."""
     kind = parser.OFPPortDescPropExperimenter
     return any(isinstance(p, kind) and p.experimenter == EXPERIMENTER for p in port.properties)
+
+
+def modes_of(port: Any) -> int | None:
+    """Return how many qubits a memory in a quantum switch takes, None of another port."""
+    for prop in port.properties:
+        if isinstance(prop, parser.OFPPortDescPropExperimenter) and len(prop.data) > MODES:
+            return int(prop.data[MODES])
+    return None
 
 
 def port_optics(port: Any) -> PortOptics | None:

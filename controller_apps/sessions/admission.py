@@ -30,7 +30,7 @@ from controller_apps.sessions.node_features import (
 )
 from controller_apps.sessions.returns import returned_on
 from controller_apps.sessions.sessions import Chain, Refusal, Session, Sessions
-from controller_apps.sessions.switch_chains import swapping
+from controller_apps.sessions.switch_chains import most_pairs, swapping
 from wire.light import Role
 from wire.metadata.setup import OBSTACLE_BYTES, Setup
 from wire.metadata.vocabulary import Handshake, MemoryState, Reason, Service
@@ -223,7 +223,7 @@ class Search(NamedTuple):
             return self._no_paths([leg], None, limits)
         found = swapping(network, path, count, limits)
         if not isinstance(found, str):
-            return Admission(paths=found, block_pairs=self.setup.pairs)
+            return Admission(paths=found, block_pairs=most_pairs(network, found, self.setup.pairs))
         free = limits._replace(blocked=Limits().blocked)
         if isinstance(swapping(network, path, count, free), str):
             return Admission(Reason.NO_CHAIN, detail=found, obstacle=found)

@@ -157,8 +157,7 @@ class Arbiter:
         if turns is not None and frame.end == End.STORED:
             actions += self.light.release(session, turns.stored(at, frame))
         elif turns is not None and whole and frame.end == End.MEASURED:
-            over, due = turns.measured(at)
-            actions += self.light.release(session, due, over)
+            actions += self.light.release(session, turns.measured(at))
         return actions
 
     def _segment(self, arrival: Arrival, now: float) -> list[Action]:

@@ -20,7 +20,7 @@ from controller_apps.sessions.admission import limits_of
 from controller_apps.sessions.returns import borrowed_rotation
 from controller_apps.sessions.sessions import Request, Session, Sessions
 from controller_apps.sessions.snapshot import keep
-from controller_apps.sessions.swap_turns import Swap, heralds_to_hosts
+from controller_apps.sessions.swap_turns import Release, heralds_to_hosts
 
 
 @dataclass
@@ -64,26 +64,21 @@ class Light:
             hops = tuple(hop for hop in hops if hop not in session.turns.hops)
         return self._program(session, (), hops, request.transaction)
 
-    def release(self, session: Session, swaps: list[Swap], over: Swap = ()) -> list[Action]:
-        """Lead memories of a session to their analysers; close what is over.
-
-        Of each block leave the pulses that both ends of a link hold.
-        """
-        assert session.turns is not None
-        pulses = [each for swap in swaps for each in session.turns.named(swap)]
-        named: list[Action] = [KeepPulses(*at, herald) for at, herald in pulses]
-        return named + [
+    def release(self, session: Session, due: list[Release]) -> list[Action]:
+        """Name pulses in memories; the first time lead these to their analyser."""
+        named = [KeepPulses(*at, herald) for each in due for at, herald in each.pulses]
+        opened = [
             OpenPaths(
-                hops[0].dpid,
-                () if hops == over else hops,
+                each.swap[0].dpid,
+                each.swap,
                 session.number,
                 next(self._transactions),
-                over if hops == over else (),
                 reports=True,
             )
-            for hops in (over, *swaps)
-            if hops
+            for each in due
+            if each.is_first
         ]
+        return [*named, *opened]
 
     def hold(self, request: Request) -> None:
         request.transaction = next(self._transactions)

@@ -1,17 +1,18 @@
-"""The turns in which switches of a chain swap a block.
+"""The turns in which switches of a chain swap blocks, of which several are under way.
 
-    both ends of both links of a place hold it, and those before have swapped
-        --> pulses named, memories released --outcomes--> done
+    both ends of both links of a place hold one, and those before have swapped it
+        --> pulses named, which releases them --outcomes--> done
 
 The two ends of a link hold different pulses: some were lost. A memory is sent a herald of those
-that are at both, so that the i-th of every link is of the i-th pair. Light is released by the
-entries that lead memories to their analyser, which are there until then.
+that are at both, so that the i-th of every link is of the i-th pair. Entries lead memories to their
+analyser from the first block on; later ones leave when they are named.
 """
 
-from collections import defaultdict, deque
-from collections.abc import Iterable, Iterator
+from collections import Counter, defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,25 +26,35 @@ from wire.parameters.switch import INNER_PORTS, Kind, inner_port
 Swap = tuple[Hop, ...]  # of one switch: its memories to the inputs of its analyser
 
 
+class Release(NamedTuple):
+    """A swap that is due: of each of its memories, the pulses that both ends of a link hold."""
+
+    swap: Swap
+    is_first: bool  # of the session there: its entries are to come
+    pulses: tuple[tuple[SwitchPort, AnalyserFrame], ...]
+
+
 @dataclass
 class SwapTurns:
-    """Those of one session; places are counted from 1, from the opener on."""
+    """Those of one session; places are counted from 1, from the opener on, blocks from 0."""
 
     swaps: tuple[Swap, ...]
     turns: Schedule
-    # Heralds of each memory, of this block and later ones; what is not whole yet.
-    _held: defaultdict[SwitchPort, deque[AnalyserFrame]] = field(
-        default_factory=lambda: defaultdict(deque)
+    # Heralds of each memory, by block; what is not whole yet.
+    _held: defaultdict[SwitchPort, dict[int, AnalyserFrame]] = field(
+        default_factory=lambda: defaultdict(dict)
     )
     _begun: dict[SwitchPort, AnalyserFrame] = field(default_factory=dict)
-    _released: set[int] = field(default_factory=set)
-    _done: set[int] = field(default_factory=set)
+    # How many blocks each memory has held, each place has released and has swapped.
+    _came: Counter[SwitchPort] = field(default_factory=Counter)
+    _released: Counter[int] = field(default_factory=Counter)
+    _done: Counter[int] = field(default_factory=Counter)
 
     @property
     def hops(self) -> frozenset[Hop]:
         return frozenset(hop for swap in self.swaps for hop in swap)
 
-    def stored(self, at: SwitchPort, herald: AnalyserFrame) -> list[Swap]:
+    def stored(self, at: SwitchPort, herald: AnalyserFrame) -> list[Release]:
         """Note that a memory holds pulses; return the swaps that are due."""
         begun = self._begun.pop(at, None) if herald.first else None
         before = begun.outcomes if begun and begun.number == herald.number else b""
@@ -53,30 +64,37 @@ class SwapTurns:
         if len(whole.outcomes) < whole.pulses:
             self._begun[at] = whole
             return []
-        self._held[at].append(whole)
+        self._held[at][self._came[at]] = whole
+        self._came[at] += 1
         return self._due()
 
-    def measured(self, at: SwitchPort) -> tuple[Swap, list[Swap]]:
-        """Note that an analyser has measured; return its swap, and those that are due now."""
+    def measured(self, at: SwitchPort) -> list[Release]:
+        """Note that an analyser has measured a block; return the swaps that are due now."""
         for place, swap in enumerate(self.swaps, 1):
-            if place in self._released and any((hop.dpid, hop.out_port) == at for hop in swap):
-                self._released.discard(place)
-                self._done.add(place)
-                if len(self._done) == len(self.swaps):  # the next block begins
-                    self._done.clear()
-                    for heralds in self._held.values():
-                        heralds.popleft()
-                return swap, self._due()
-        return (), []
+            if any((hop.dpid, hop.out_port) == at for hop in swap):
+                if self._done[place] < self._released[place]:
+                    self._done[place] += 1
+                    self._forget(self._done[place] - 1)
+                return self._due()
+        return []
 
-    def named(self, swap: Swap) -> Iterator[tuple[SwitchPort, AnalyserFrame]]:
-        """Yield, for each memory of a swap, the pulses that both ends of its link hold."""
+    def _forget(self, block: int) -> None:
+        """Forget a block that all have swapped."""
+        if all(self._done[place] > block for place in range(1, len(self.swaps) + 1)):
+            for heralds in self._held.values():
+                heralds.pop(block, None)
+
+    def _release(self, place: int) -> Release:
+        swap, block = self.swaps[place - 1], self._released[place]
+        self._released[place] += 1
+        pulses = []
         for hop in swap:
             at = SwitchPort(hop.dpid, hop.in_port)
-            heralds = [self._held[end][0] for end in self._link(at)]
+            heralds = [self._held[end][block] for end in self._link(at)]
             held = [np.frombuffer(herald.outcomes, np.uint8) for herald in heralds]
             both = np.bitwise_or.reduce(held).tobytes()  # 0: it is held
-            yield at, replace(heralds[0], outcomes=both)
+            pulses.append((at, replace(heralds[0], outcomes=both)))
+        return Release(swap, block == 0, tuple(pulses))
 
     def _link(self, at: SwitchPort) -> list[SwitchPort]:
         """Return a memory, and that at the other end of its link; a host has none."""
@@ -85,22 +103,21 @@ class SwapTurns:
         other = place - 1 if place % 2 == 0 else place + 1
         return [at, memories[other]] if 0 <= other < len(memories) else [at]
 
-    def _is_held(self, at: SwitchPort) -> bool:
-        """Whether both ends of a link hold the same block."""
-        heralds = [self._held[end] for end in self._link(at)]
-        return all(heralds) and len({each[0].pulses for each in heralds}) == 1
+    def _is_held(self, at: SwitchPort, block: int) -> bool:
+        """Whether both ends of a link hold a block."""
+        heralds = [self._held[end].get(block) for end in self._link(at)]
+        return all(heralds) and len({each.pulses for each in heralds if each}) == 1
 
-    def _due(self) -> list[Swap]:
-        before = {0, *self._done}
-        due = [
-            place
-            for place, swap in enumerate(self.swaps, 1)
-            if all(self._is_held(SwitchPort(*hop[:2])) for hop in swap)
-            and place not in self._released | self._done
-            and {self.turns[place].after_left, self.turns[place].after_right} <= before
-        ]
-        self._released.update(due)
-        return [self.swaps[place - 1] for place in due]
+    def _due(self) -> list[Release]:
+        """Return what is due; of a place block after block."""
+        due = []
+        for place, swap in enumerate(self.swaps, 1):
+            before = {self.turns[place].after_left, self.turns[place].after_right} - {0}
+            while all(
+                self._is_held(SwitchPort(*hop[:2]), self._released[place]) for hop in swap
+            ) and all(self._done[other] > self._released[place] for other in before):
+                due.append(self._release(place))
+        return due
 
 
 def swap_turns(hops: Iterable[Hop], name: str) -> SwapTurns | None:

@@ -20,6 +20,7 @@ from controller_apps.light.routing import LightPath, Limits
 from controller_apps.sessions.actions import Emit
 from controller_apps.sessions.sessions import Session
 from wire.analyser_frames import AnalyserFrame, Emission
+from wire.device import MAX_UNDER_WAY
 from wire.parameters.switch import HALVES, INNER_PORTS, Kind, inner_port
 
 MEMORIES = 2  # of a switch that swaps: one for light of each side
@@ -83,6 +84,13 @@ def swapping(
     if any(map(limits.blocked, directions(hops))):
         return "others have light on the way"
     return paths
+
+
+def most_pairs(network: Network, paths: Sequence[LightPath], wanted: int) -> int:
+    """Return how many pairs blocks of a chain may have: as many as all under way may be stored."""
+    lasts = [SwitchPort(path.hops[-1].dpid, path.hops[-1].out_port) for path in paths]
+    modes = [network.modes[at] for at in lasts if at in network.modes]
+    return max(1, min([wanted, *(each // MAX_UNDER_WAY for each in modes)]))
 
 
 def _most_loss_mdb(network: Network, path: LightPath, able: Sequence[tuple[int, Parts]]) -> int:

@@ -52,6 +52,7 @@ class RequestTable:
         self.transport = Transport(layer, failed, self._came)
         self.memories = SwitchMemories(layer, self.transport, self.analysers, self.reports, failed)
         self.switching = Switching(layer, self._connected, self.memories.opened, self._part_failed)
+        emission = Emission(layer, self.blocks, self.transport, failed)
         self.rows = {
             "create": Row(messages.CreateRequest, self._timed(self.blocks.create)),
             "apply": Row(messages.ApplyRequest, self._timed(self.blocks.apply)),
@@ -73,7 +74,7 @@ class RequestTable:
             # not steps of an order
             "look": Row(messages.LookRequest, self._on_layer(look)),
             "cross_connect": Row(messages.CrossConnectRequest, self.switching.cross_connect),
-            "emit": Row(messages.EmitRequest, Emission(layer, self.blocks, self.transport).emit),
+            "emit": Row(messages.EmitRequest, emission.emit),
             "keep": Row(messages.KeepRequest, self.memories.keep),
             "tune_port": Row(messages.TunePortRequest, self.switching.tune),
             "inject_fault": Row(messages.InjectFaultRequest, self.switching.inject),

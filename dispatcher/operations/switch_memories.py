@@ -9,7 +9,8 @@ after the other. It leaves when a cross-connect leads on: to an analyser only wh
 at the other input, or in a memory that leads to it; to anything else at once.
 
 Of two blocks whose pulses a controller has named (`keep`) the i-th that is held of one meets the
-i-th that is held of the other, as many as the poorer has; the others are discarded.
+i-th that is held of the other, as many as the poorer has; the others are discarded. A memory of
+which a block was named keeps later ones until they are named, too, as long as light is led in.
 """
 
 import asyncio
@@ -51,7 +52,8 @@ class SwitchMemories:
         self._gathering = Gathering(layer)
         self._limits: dict[Block, asyncio.Task[None]] = {}
         self._numbers: dict[Block, int] = {}  # of the reports that they are held
-        self._named: set[Block] = set()  # whose pulses a controller has named
+        self._named: set[Block] = set()  # whose pulses a controller has named, to the last
+        self._by_name: set[str] = set()  # memories that blocks leave only when they are named
         self._leads: dict[str, dict[int, int]] = {}  # outputs by input, of each switch
         self._sending: set[str] = set()  # memories whose light is on its way
         self._counts = {node: Counter[str]() for node in memories}
@@ -77,6 +79,11 @@ class SwitchMemories:
         now = self._layer.network.switches[switch].timeline.connections
         leads = self._leads.get(switch, {})
         self._leads[switch] = {i: o for i, o in leads.items() if now.get(i) == o}
+        self._by_name -= {
+            node
+            for node, part in self._layer.network.memories.items()
+            if part.switch == switch and int(part.ports[0]) not in now.values()
+        }
 
     def opened(self, switch: str, ready_ns: int) -> None:
         """Lead light on by the cross-connects of a switch that are open, which is now."""
@@ -116,7 +123,10 @@ class SwitchMemories:
         extra_pairs.darken(self._layer.sabot, block, unwanted)
         dropped = self._layer.sabot.lose(block.register, unwanted)
         self._layer.record(block.node, "keep", block, block.port, f"dropped={dropped}")
-        self._named.add(block)
+        self._by_name.add(block.node)
+        if request.first + named.size == block.register.size:
+            self._named.add(block)
+            self.release(request.switch)
         return KeepReply()
 
     def fail(self, node: str) -> None:
@@ -177,6 +187,7 @@ class SwitchMemories:
             for node, part in network.memories.items()
             if part.switch == switch and self._held[node] and node not in self._sending
             if int(part.ports[0]) in leads
+            if node not in self._by_name or self._held[node][0] in self._named
         }
         return [node for output, node in ready.items() if self._may_leave(switch, output, ready)]
 

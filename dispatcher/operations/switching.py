@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.operations import limits
@@ -95,13 +96,27 @@ def statistics(
 class Emission:
     """The pair sources of switches."""
 
-    def __init__(self, layer: PhysicalLayer, blocks: Operations, transport: Transport) -> None:
+    def __init__(
+        self,
+        layer: PhysicalLayer,
+        blocks: Operations,
+        transport: Transport,
+        failed: Callable[[BaseException], None],
+    ) -> None:
+        """Call `failed` with what ends a wait unexpectedly."""
         self._sources = layer.network.parts[Kind.SOURCE]
         self._switches = layer.network.switches
         self._blocks, self._transport = blocks, transport
+        self._layer, self._failed = layer, failed
+        # Until when a source makes light, and who makes more then, by node.
+        self._busy_ns: dict[str, int] = {}
+        self._next: dict[str, asyncio.Task[None]] = {}
 
     def emit(self, _node: str, request: EmitRequest) -> EmitReply:
-        """Make a block of pairs, and send each half out of a port of the source."""
+        """Make a block of pairs, and send each half out of a port of the source.
+
+        Its light leaves behind that of the block before.
+        """
         found = (
             (node, part.ports)
             for node, part in self._sources.items()
@@ -123,13 +138,39 @@ class Emission:
         light = SendRequest(
             launches=launches, rate_hz=request.rate_hz, frequency_mhz=request.frequency_mhz
         )
+        before = self._next.get(node)
+        if before is None and self._busy_ns.get(node, 0) <= self._layer.clock.now_ns():
+            self._launch(node, light)
+        else:
+            self._next[node] = task = asyncio.create_task(self._launch_behind(before, node, light))
+            self._layer.journal.begun(task)
+            task.add_done_callback(partial(self._ended, node))
+        return EmitReply()
+
+    async def _launch_behind(
+        self, before: asyncio.Task[None] | None, node: str, light: SendRequest
+    ) -> None:
+        if before is not None:
+            await asyncio.wait([before])
+        await self._layer.clock.wait_until(self._busy_ns[node])
         try:
-            self._transport.launch(node, light)
+            self._launch(node, light)
+        except Refusal as refusal:  # nobody waits for it
+            self._layer.record(node, "refuse", detail=str(refusal))
+
+    def _launch(self, node: str, light: SendRequest) -> None:
+        try:
+            self._busy_ns[node] = self._transport.launch(node, light).last_ns
         except Refusal:
-            for launch in launches:
+            for launch in light.launches:
                 self._blocks.discard(node, launch.block)
             raise
-        return EmitReply()
+
+    def _ended(self, node: str, task: asyncio.Task[None]) -> None:
+        if self._next.get(node) is task:
+            del self._next[node]
+        if not task.cancelled() and (error := task.exception()) is not None:
+            self._failed(error)
 
 
 DIRECTIONS = {

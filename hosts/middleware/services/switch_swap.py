@@ -2,17 +2,17 @@
 
     alice                          q1                          bob
       | Values(COMING) ---------------------------------------> |
-      | <------------------------------------------ Answer(OK) |
       | -- light, half 1 ----------> | <---------- light, half 1 |
       | <- frame of outcomes ------- | ------ frame of outcomes -> |  real frames
-      | Values(COMING: analysers, numbers) --------------------> |  both mean the same blocks
+      | Values(SWAPPED: analysers, numbers) -------------------> |  both mean the same blocks
       | Values(ARRIVED) <--------------------------------------> |  bob corrects; both keep
 
 Flow entries of the switch lead light and frames: nobody here knows where it is. In a chain of
-switches all report, and the outcomes multiply. The pairs are then used as in entanglement
-distribution.
+switches all report, and the outcomes multiply. If the controller programs it, several blocks are
+under way. The pairs are then used as in entanglement distribution.
 """
 
+from collections import deque
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -29,16 +29,20 @@ from hosts.middleware.session.blocks import store, take
 from hosts.middleware.session.ends import AcceptorEnd, Answerer, OpenerEnd, ServiceKind
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import (
+    Concurrently,
     HostSide,
-    OpenerSide,
+    Now,
     Steps,
+    Tell,
     Wait,
+    WaitUntil,
     coming,
     do,
     hear,
     own_pairs,
 )
 from wire.analyser_frames import Receivers
+from wire.device import MAX_UNDER_WAY
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import Reason, Service
 from wire.outcomes import NO_COINCIDENCE
@@ -63,69 +67,90 @@ class SwapOptions(DistributeOptions):
         return {**super().asked(), "block": self.swaps}
 
 
-def make(
-    side: OpenerSide, frames: AnalyserSocket, pairs: Pairs, number: int, size: int
-) -> Steps[None]:
-    """Have a block swapped, and keep what both ends have."""
-    frames.forget()
-    yield from side.announce(number, size)
-    swapped, kept, since_ns = yield from _emit(side, frames, 2 * number, size)
-    yield side.say(Topic.COMING, number, swapped.blocks, 32)
-    yield side.say(Topic.ARRIVED, number, kept, 1)
-    theirs = yield from hear(Topic.ARRIVED, number, kept.size, 1)
-    yield from take(side.block(number), {_kept(side, 2 * number): swapped.positions})
-    yield from pairs.share(number, kept, theirs.astype(bool), size, since_ns)
+class Blocks:
+    """How one end has blocks swapped: several under way, their light one after the other."""
 
+    def __init__(self, side: HostSide, frames: AnalyserSocket, half: int) -> None:
+        """Half 0 is kept by the opener, 1 by the acceptor."""
+        self._side, self._frames, self._half = side, frames, half
+        self._dark: deque[int] = deque()  # blocks whose light is to be made, in order
+        self.under_way: set[int] = set()
 
-def share(side: HostSide, frames: AnalyserSocket, pairs: Pairs, message: Values) -> Steps[None]:
-    """Do the same at the end that corrects."""
-    number, size = coming(message, side.setup.pairs)
-    frames.forget()
-    yield side.agree()
-    swapped, kept, since_ns = yield from _emit(side, frames, 2 * number + 1, size)
-    theirs = yield from hear(Topic.COMING, number, len(swapped.blocks), LARGEST)
-    if theirs.tolist() != swapped.blocks:
-        text = f"{side.peer} heard of other blocks at analysers than this host: let no other "
-        raise SessionError(Reason.PROTOCOL, text + "session use them")
-    arrived = yield from hear(Topic.ARRIVED, number, kept.size, 1)
-    name = side.block(number, half=1)
-    yield from take(name, {_kept(side, 2 * number + 1): swapped.positions})
-    if kept.size:
-        operators = np.where(kept, swapped.outcomes, 0).astype(np.uint8)
-        corrected_ns = yield from do(Qnic.apply, name, operators)
-        pairs.corrected(int(np.count_nonzero(kept)), corrected_ns - since_ns)
-        kept &= yield from store(name)
-    yield side.say(Topic.ARRIVED, number, kept, 1)
-    yield from pairs.share(number, kept, arrived.astype(bool), size, since_ns)
+    def make(self, pairs: Pairs, number: int, size: int) -> Steps[None]:
+        """Have a block swapped as the opener, and keep what both ends have."""
+        side = self._side
+        swapped, kept, since_ns = yield from self._swapped(number, size)
+        yield side.say(Topic.SWAPPED, number, swapped.blocks, 32)
+        yield side.say(Topic.ARRIVED, number, kept, 1)
+        theirs = yield from hear(Topic.ARRIVED, number, kept.size, 1)
+        yield from take(side.block(number), {self._kept(number): swapped.positions})
+        yield from pairs.share(number, kept, theirs.astype(bool), size, since_ns)
 
+    def share(self, pairs: Pairs, message: Values) -> Steps[None]:
+        """Do the same at the end that corrects, beside other blocks."""
+        number, size = coming(message, self._side.setup.pairs)
+        if len(self.under_way) >= MAX_UNDER_WAY:
+            text = f"block {number} beside {sorted(self.under_way)}: {MAX_UNDER_WAY} may be under "
+            raise SessionError(Reason.PROTOCOL, f"{text}way")
+        self.under_way.add(number)
+        yield Concurrently(self._share(pairs, number, size))
 
-def _emit(
-    side: HostSide, frames: AnalyserSocket, number: int, size: int
-) -> Steps[tuple[Swapped, Mask, int]]:
-    """Send halves of pairs to the switch; return the swaps, and which of them have made pairs.
+    def _share(self, pairs: Pairs, number: int, size: int) -> Steps[None]:
+        side = self._side
+        swapped, kept, since_ns = yield from self._swapped(number, size)
+        theirs = yield from hear(Topic.SWAPPED, number, len(swapped.blocks), LARGEST)
+        if theirs.tolist() != swapped.blocks:
+            text = f"{side.peer} heard of other blocks at analysers than this host: let no other "
+            raise SessionError(Reason.PROTOCOL, text + "session use them")
+        arrived = yield from hear(Topic.ARRIVED, number, kept.size, 1)
+        name = side.block(number, half=1)
+        yield from take(name, {self._kept(number): swapped.positions})
+        if kept.size:
+            operators = np.where(kept, swapped.outcomes, 0).astype(np.uint8)
+            corrected_ns = yield from do(Qnic.apply, name, operators)
+            pairs.corrected(int(np.count_nonzero(kept)), corrected_ns - since_ns)
+            kept &= yield from store(name)
+        yield from pairs.share(number, kept, arrived.astype(bool), size, since_ns)
+        self.under_way.remove(number)  # others read its messages from now on
+        yield side.say(Topic.ARRIVED, number, kept, 1)
+        yield Tell(pairs.summary((yield Now())))
 
-    Also return since when (ns) the halves that stay wait, on average.
-    """
-    stored = yield from own_pairs(side, number, size, side.ports[0])
-    swapped: Swapped = yield Wait(partial(frames.next, size, max(1, side.setup.block)))
-    here = stored.arrived[swapped.positions]
-    return swapped, here & (swapped.outcomes != NO_COINCIDENCE), stored.since_ns
+    def _swapped(self, number: int, size: int) -> Steps[tuple[Swapped, Mask, int]]:
+        """Send halves of pairs to the switch; return the swaps, and which of them made pairs.
 
+        Also return since when (ns) the halves that stay wait, on average.
+        """
+        side, switches = self._side, self._side.setup.block
+        self._dark.append(number)
+        yield WaitUntil(lambda: self._dark[0] == number)
+        if not switches:  # whose frames are to everybody
+            self._frames.forget()
+        if not self._half:
+            yield side.ready(number, size)
+        stored = yield from own_pairs(side, 2 * number + self._half, size, side.ports[0])
+        self._dark.popleft()
+        swapped: Swapped = yield Wait(partial(self._frames.next, size, max(1, switches)))
+        here = stored.arrived[swapped.positions]
+        return swapped, here & (swapped.outcomes != NO_COINCIDENCE), stored.since_ns
 
-def _kept(side: HostSide, number: int) -> BlockName:
-    return side.block(number, half=0)
+    def _kept(self, number: int) -> BlockName:
+        return self._side.block(2 * number + self._half)
 
 
 async def swap(end: OpenerEnd, options: SwapOptions) -> Answerer:
     """Do what the opener does; return what answers its application."""
     with analyser_socket(end.setup.session, Receivers.OPENER) as frames:
-        return await make_pairs(end, options, partial(make, end.side, frames))
+        end.channel.sort()
+        most = MAX_UNDER_WAY if end.setup.block else 1
+        return await make_pairs(end, options, Blocks(end.side, frames, 0).make, most)
 
 
 async def receive(end: AcceptorEnd) -> Answerer:
     """Follow the opener until it delivers; return what answers this end's application."""
     with analyser_socket(end.setup.session, Receivers.ACCEPTOR) as frames:
-        return await share_pairs(end, partial(share, end.side, frames))
+        end.channel.sort()
+        blocks = Blocks(end.side, frames, 1)
+        return await share_pairs(end, blocks.share, blocks.under_way)
 
 
 KIND = ServiceKind(Service.SWITCH_SWAP, SwapOptions, swap, receive)

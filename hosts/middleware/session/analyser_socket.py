@@ -2,7 +2,8 @@
 
 import asyncio
 import socket
-from collections.abc import Iterator
+from collections import defaultdict, deque
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from zlib import crc32
@@ -47,7 +48,7 @@ class Swapped:
 
 
 class AnalyserSocket:
-    """Reads the outcomes that analysers report, block by block."""
+    """Reads the outcomes that analysers report, block by block, in the order of calls."""
 
     def __init__(
         self, outcomes: socket.socket, heralds: socket.socket, session: int, to: Receivers
@@ -56,6 +57,12 @@ class AnalyserSocket:
         self._channel, self._heralds = outcomes, heralds
         self._group, self._alone = group_of(session), group_of(session, to)
         self._begun: dict[bytes, AnalyserFrame] = {}  # of each analyser, what is not whole yet
+        # Whole ones of each analyser, and whether they are to the session's own group.
+        self._whole: defaultdict[bytes, deque[tuple[AnalyserFrame, bool]]] = defaultdict(deque)
+        self._last: dict[bytes, int] = {}  # numbers of blocks that were taken
+        self._held = b""  # of a herald that is not whole yet
+        self._heralded: deque[bytes] = deque()  # whole ones
+        self._turn = asyncio.Lock()
 
     def forget(self) -> None:
         """Drop the frames that have come so far: they are of earlier light."""
@@ -63,52 +70,83 @@ class AnalyserSocket:
             with suppress(BlockingIOError):
                 while True:
                     channel.recv(LONGEST)
+        for kept in (self._begun, self._whole, self._last, self._heralded):
+            kept.clear()
+        self._held = b""
 
     async def next(self, pulses: int, analysers: int) -> Swapped:
-        """Return the outcomes of the next block of this size at a number of analysers.
+        """Return the outcomes of the next block, of this size, at a number of analysers.
 
         Raise SessionError if they do not come, or the light has ended otherwise.
         """
-        found: dict[bytes, AnalyserFrame] = {}
-        positions = np.arange(pulses)
-        try:
-            async with asyncio.timeout(ANALYSER_TIMEOUT_S):
-                while len(found) < analysers:
-                    await self._join(found, pulses)
-                if any(frame.pulses < pulses for frame in found.values()):
-                    positions = await self._held(pulses)
-        except TimeoutError as error:
-            text = (
-                f"no outcomes of {pulses} pulses from {analysers - len(found)} of {analysers} "
-                f"analysers in {ANALYSER_TIMEOUT_S:g} s: see that flow entries lead light to both "
-                "inputs of each, and its outcomes here, and that the switches' agents run"
-            )
-            raise SessionError(Reason.NO_LIGHT, text) from error
+        async with self._turn:
+            try:
+                async with asyncio.timeout(ANALYSER_TIMEOUT_S):
+                    while len(self._there(pulses)) < analysers:
+                        self._take(await self._next(self._channel, self._group), pulses)
+                    found = {each: self._pop(each) for each in self._there(pulses)}
+                    positions = await self._positions(pulses, found.values())
+            except TimeoutError as error:
+                text = (
+                    f"no outcomes of {pulses} pulses from {analysers - len(self._there(pulses))} "
+                    f"of {analysers} analysers in {ANALYSER_TIMEOUT_S:g} s: see that flow entries "
+                    "lead light to both inputs of each, and its outcomes here, and that the "
+                    "switches' agents run"
+                )
+                raise SessionError(Reason.NO_LIGHT, text) from error
         return _together(found, positions)
 
-    async def _held(self, pulses: int) -> NDArray[np.intp]:
-        """Return which pulses of this end's light the memory at the other end of its link holds."""
-        held = b""
-        while len(held) < pulses:
-            data = await self._next(self._heralds, self._alone)
-            with suppress(MalformedPacket):
-                frame = AnalyserFrame.decode(data)
-                if frame.pulses == pulses and frame.first == len(held):
-                    held += frame.outcomes
-        return np.flatnonzero(np.frombuffer(held, np.uint8) == 0)
-
-    async def _join(self, found: dict[bytes, AnalyserFrame], pulses: int) -> None:
-        """Take a frame; what is whole is found. All of one block have its number, in order.
+    def _there(self, pulses: int) -> list[bytes]:
+        """Return the analysers that have reported the next block; drop what does not fit it.
 
         Only the session's own group hears of pulses that have met without gaps.
         """
-        data = await self._next(self._channel, self._group)
+        for reports in self._whole.values():
+            while reports and (
+                reports[0][0].pulses > pulses
+                or (reports[0][0].pulses < pulses and not reports[0][1])
+            ):
+                reports.popleft()
+        return [analyser for analyser, reports in self._whole.items() if reports]
+
+    def _pop(self, analyser: bytes) -> AnalyserFrame:
+        """Take the oldest report of an analyser; raise SessionError if one before it was lost."""
+        frame, _own = self._whole[analyser].popleft()
+        if frame.number != self._last.get(analyser, frame.number - 1) + 1:
+            text = f"outcomes of block {frame.number} of an analyser come behind those of block "
+            raise SessionError(Reason.PROTOCOL, f"{text}{self._last[analyser]}: some were lost")
+        self._last[analyser] = frame.number
+        return frame
+
+    async def _positions(self, pulses: int, found: Iterable[AnalyserFrame]) -> NDArray[np.intp]:
+        """Return which pulses of this end's light the memory at the other end of its link holds."""
+        with suppress(BlockingIOError):
+            while True:
+                self._take_herald(self._heralds.recv(LONGEST))
+        gaps = any(frame.pulses < pulses for frame in found)
+        while gaps and not self._heralded:
+            self._take_herald(await self._next(self._heralds, self._alone))
+        held = self._heralded.popleft() if self._heralded else b""
+        return np.flatnonzero(np.frombuffer(held, np.uint8) == 0) if gaps else np.arange(pulses)
+
+    def _take_herald(self, data: bytes) -> None:
+        """Take a frame of the memory that this end's light goes to; other frames do not count."""
+        with suppress(MalformedPacket):
+            frame = AnalyserFrame.decode(data)
+            if data[:6] == self._alone and frame.first == len(self._held):
+                self._held += frame.outcomes
+                if len(self._held) == frame.pulses:
+                    self._heralded.append(self._held)
+                    self._held = b""
+
+    def _take(self, data: bytes, pulses: int) -> None:
+        """Take a frame; what is whole is kept. All of one block have its number, in order."""
         try:
             frame = AnalyserFrame.decode(data)
         except MalformedPacket:
             return
-        analyser = data[6:12] + frame.port.to_bytes(4)
-        if frame.pulses > pulses or (frame.pulses < pulses and data[:6] != self._group):
+        analyser, own = data[6:12] + frame.port.to_bytes(4), data[:6] == self._group
+        if frame.pulses > pulses and not own:
             return
         if frame.end != End.MEASURED:
             text = f"light has ended at inner port {frame.port} of a switch: "
@@ -117,7 +155,10 @@ class AnalyserSocket:
         outcomes = begun.outcomes if begun and begun.number == frame.number else b""
         if frame.first == len(outcomes):
             whole = replace(frame, first=0, outcomes=outcomes + frame.outcomes)
-            (found if len(whole.outcomes) == frame.pulses else self._begun)[analyser] = whole
+            if len(whole.outcomes) < frame.pulses:
+                self._begun[analyser] = whole
+            else:
+                self._whole[analyser].append((whole, own))
 
     async def _next(self, channel: socket.socket, group: bytes) -> bytes:
         """Return the next frame to everybody, to this host or to a group; drop those to others."""

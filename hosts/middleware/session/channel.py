@@ -3,11 +3,12 @@
 import asyncio
 import errno
 import socket
+from collections.abc import Collection
 from contextlib import suppress
 from typing import TypeVar
 
 from hosts.middleware.session.errors import SAME_VERSION, SessionError, SilentPeer, unexpected
-from hosts.middleware.session.mailbox import Mailbox
+from hosts.middleware.session.mailbox import Mailbox, Wanted
 from hosts.timeouts import (
     ANSWER_TIMEOUT_S,
     CONNECT_TIMEOUT_S,
@@ -111,24 +112,28 @@ class MetadataChannel:
         return message
 
     async def next(
-        self, timeout_s: float = IDLE_TIMEOUT_S, block: int | None = None, begins: bool = False
+        self,
+        timeout_s: float = IDLE_TIMEOUT_S,
+        block: int | None = None,
+        begins: bool = False,
+        apart: Collection[int] = (),
     ) -> Message | None:
         """Return the next message, None at the end of the connection.
 
         Where several hear at a time: the next about this block, or that begins one or is about
-        none.
+        none, or is about none apart.
         """
         try:
             async with asyncio.timeout(timeout_s):
                 if self._mailbox is None:
                     return self._checked(await self._read())
-                return await self._taken(self._mailbox, block, begins)
+                return await self._taken(self._mailbox, Wanted(block, begins, apart))
         except TimeoutError as error:
             text = f"{self.peer} has been silent for {timeout_s:g} s"
             raise SilentPeer(Reason.NO_ANSWER, text) from error
 
-    async def _taken(self, mailbox: Mailbox, block: int | None, begins: bool) -> Message | None:
-        while not mailbox.has(block, begins):
+    async def _taken(self, mailbox: Mailbox, wanted: Wanted) -> Message | None:
+        while not mailbox.has(wanted):
             if self._reading is not None:
                 await self._reading.wait()  # all look then: who waits in line may have its message
                 continue
@@ -138,7 +143,7 @@ class MetadataChannel:
             finally:
                 self._reading.set()
                 self._reading = None
-        return mailbox.take(block, begins)
+        return mailbox.take(wanted)
 
     def _checked(self, message: Message | None) -> Message | None:
         """Return a message of this session; raise SessionError for one of another."""

@@ -78,8 +78,8 @@ class ConnectionEnd(Performer):
                 return self.channel.send(*messages)
             case protocol.Hear(kind, timeout_s, block):
                 return await self.channel.receive(kind, timeout_s, block=block)
-            case protocol.HearNext(begins, timeout_s):
-                return await self.channel.next(timeout_s, begins=begins)
+            case protocol.HearNext(begins, timeout_s, apart):
+                return await self.channel.next(timeout_s, begins=begins, apart=apart)
             case protocol.Emit(block, pairs) if self.arrangement is not None:
                 return await self.arrangement.emit(block, pairs)
             case protocol.BeginEmit(block, pairs, under_way) if self.arrangement is not None:

@@ -8,6 +8,8 @@ that a message about one block never passes for news of another.
 """
 
 from collections import deque
+from collections.abc import Collection
+from typing import NamedTuple
 
 from hosts.middleware.session.errors import SAME_VERSION, SessionError
 from wire.metadata.blocks import Finish
@@ -18,6 +20,22 @@ from wire.metadata.vocabulary import Reason
 
 HEARD = Values, Finish, Answer  # what comes while blocks are under way
 MAX_KEPT = 4096  # messages that nobody has asked for yet
+
+
+class Wanted(NamedTuple):
+    """Which messages a reader takes."""
+
+    block: int | None = None  # about it; None and 0: whatever they are about
+    begins: bool = False  # those that begin a block, or are about none
+    apart: Collection[int] = ()  # none about these blocks
+
+    def is_met(self, message: Message) -> bool:
+        about = message.block if isinstance(message, Values) else 0
+        if self.block:
+            return about == self.block
+        if about in self.apart:
+            return False
+        return not self.begins or not about or message.topic == Topic.COMING  # type: ignore[attr-defined]
 
 
 class Mailbox:
@@ -54,25 +72,17 @@ class Mailbox:
             raise SessionError(Reason.PROTOCOL, text)
         self._kept.append(message)
 
-    def has(self, block: int | None, begins: bool = False) -> bool:
-        return bool(self._last) or any(_is_for(each, block, begins) for each in self._kept)
+    def has(self, wanted: Wanted) -> bool:
+        return bool(self._last) or any(map(wanted.is_met, self._kept))
 
-    def take(self, block: int | None, begins: bool = False) -> Message | None:
-        """Return the oldest message about a block; None and 0 of those: whatever it is about.
+    def take(self, wanted: Wanted) -> Message | None:
+        """Return the oldest message that is wanted.
 
-        `begins`: the oldest that begins a block, or is about none. Where there is nothing, return
-        what the connection has ended with, of which everybody hears.
+        Where there is nothing, return what the connection has ended with, of which everybody hears.
         """
         for place, message in enumerate(self._kept):
-            if _is_for(message, block, begins):
+            if wanted.is_met(message):
                 del self._kept[place]
                 return message
         (last,) = self._last
         return last
-
-
-def _is_for(message: Message, block: int | None, begins: bool) -> bool:
-    of_block = isinstance(message, Values) and message.block != 0
-    if block:
-        return of_block and message.block == block  # type: ignore[attr-defined]
-    return not begins or not of_block or message.topic == Topic.COMING  # type: ignore[attr-defined]

@@ -59,7 +59,7 @@ The effects, and what the generator is resumed with
     WaitUntil(done)             whether the condition holds, in time
 """
 
-from collections.abc import Awaitable, Callable, Coroutine, Generator, Mapping
+from collections.abc import Awaitable, Callable, Collection, Coroutine, Generator, Mapping
 from dataclasses import dataclass, field
 from math import inf
 from typing import (
@@ -120,6 +120,7 @@ class HearNext:
 
     begins: bool = False  # of a block, or about none; other steps hear the rest
     timeout_s: float = IDLE_TIMEOUT_S
+    apart: Collection[int] = ()  # blocks of which other steps hear
 
 
 @dataclass(frozen=True)
@@ -354,9 +355,11 @@ class Side:
         (photons,) = (yield from hear(Topic.COMING, number, 1, size)).tolist()
         require_size(photons, size)
 
-    def next_values(self, begins: bool = False) -> Steps[Values | None]:
+    def next_values(
+        self, begins: bool = False, apart: Collection[int] = ()
+    ) -> Steps[Values | None]:
         """Return the opener's next numbers; None at the end of the session."""
-        message = yield HearNext(begins)
+        message = yield HearNext(begins, apart=apart)
         if isinstance(message, Finish):
             return None
         if not isinstance(message, Values):

@@ -170,15 +170,48 @@ def test_switches_swap_in_the_turns_of_the_policy() -> None:
     for each in opened:
         arbiter.barrier_passed(each.dpid, each.transaction, NOW)
     outcomes = AnalyserFrame(60_001, 1, End.MEASURED, 2, 0, bytes(2)).encode(BROADCAST, bytes(6))
-    for _block in range(2):
-        assert stored(arbiter, 2) == {}  # it comes behind its neighbours
-        assert stored(arbiter, 1) == {1: releases}
-        assert closed(arbiter.inner_frame(SwitchPort(1, 60_001), 7, outcomes)) == {1}
-        assert stored(arbiter, 3) == {3: releases}
+    for opens in (True, False):  # entries stay: later blocks leave when they are named
+        assert named(stored(arbiter, 2)) == set()  # it comes behind its neighbours
+        first = stored(arbiter, 1)
+        assert named(first) == {(1, port) for port in MEMORIES}
+        assert hops(first) == ({1: releases} if opens else {})
+        assert not arbiter.inner_frame(SwitchPort(1, 60_001), 7, outcomes)
+        assert named(stored(arbiter, 3)) == {(3, port) for port in MEMORIES}
         last = arbiter.inner_frame(SwitchPort(3, 60_001), 7, outcomes)
-        assert closed(last) == {3}
-        assert hops(last)[2] == releases
-        assert closed(arbiter.inner_frame(SwitchPort(2, 60_001), 7, outcomes)) == {2}
+        assert named(last) == {(2, port) for port in MEMORIES}
+        assert hops(last) == ({2: releases} if opens else {})
+        assert not arbiter.inner_frame(SwitchPort(2, 60_001), 7, outcomes)
+
+
+def test_blocks_follow_each_other_through_the_turns_before_the_first_is_done() -> None:
+    turns = SwapTurns(
+        tuple(tuple(Hop(dpid, port, port - 1000) for port in MEMORIES) for dpid in (1, 2, 3)),
+        schedule("nested", 3),
+    )
+    for number in (5, 6, 7):
+        for dpid in (1, 3, 2):
+            herald = AnalyserFrame(61_001, number, End.STORED, 2, 0, bytes(2))
+            due = [turns.stored(SwitchPort(dpid, port), herald) for port in MEMORIES]
+            # The right memory of the first is of the link to the second, which comes last.
+            assert [len(each) for each in due] == ([1, 1] if dpid == 2 else [0, 0])
+    for number in (5, 6, 7):
+        assert turns.measured(SwitchPort(1, 60_001)) == []
+        (release,) = turns.measured(SwitchPort(3, 60_001))
+        assert (release.swap[0].dpid, release.is_first) == (2, number == 5)
+        assert {herald.number for _at, herald in release.pulses} == {number}
+        assert turns.measured(SwitchPort(2, 60_001)) == []
+    assert turns.measured(SwitchPort(2, 60_001)) == []  # nothing was released
+
+
+@pytest.mark.parametrize(("modes", "pairs"), [(400, 100), (3, 1), (4_000_000, FRAMED.pairs)])
+def test_all_blocks_under_way_fit_into_the_smallest_memory(modes: int, pairs: int) -> None:
+    network = line(3)
+    network.modes = {SwitchPort(dpid, port): 10_000_000 for dpid in (1, 2, 3) for port in MEMORIES}
+    network.modes[SwitchPort(2, 61_001)] = modes
+    arbiter = Arbiter(network, HOLD_S, IDLE_S)
+    asked(arbiter, 3)
+    session = arbiter.sessions.by_number[7]
+    assert session.requests[session.owner].granted.pairs == min(pairs, FRAMED.pairs)
 
 
 @pytest.mark.parametrize("pulses", [4, 2 * MOST_OUTCOMES])
@@ -205,15 +238,16 @@ def test_a_swap_waits_for_both_ends_of_its_links_and_takes_what_both_hold(pulses
     assert hops(actions) == {1: {(61_001, 60_001), (61_002, 60_002)}}
 
 
-def stored(arbiter: Arbiter, dpid: int) -> dict[int, set[tuple[int, int]]]:
-    """Have both memories of a switch hold a block; return what is opened then."""
+def stored(arbiter: Arbiter, dpid: int) -> list[Action]:
+    """Have both memories of a switch hold a block; return what is done then."""
     first, then = (arbiter.inner_frame(SwitchPort(dpid, port), 7, STORED) for port in MEMORIES)
-    assert not hops(first)
-    return hops(then)
+    assert not named(first)
+    return then
 
 
-def closed(actions: list[Action]) -> set[int]:
-    return {each.dpid for each in actions if isinstance(each, OpenPaths) and each.closed}
+def named(actions: list[Action]) -> set[tuple[int, int]]:
+    """Return the memories of which pulses are named."""
+    return {(each.dpid, each.port) for each in actions if isinstance(each, KeepPulses)}
 
 
 @pytest.mark.parametrize(
@@ -237,4 +271,4 @@ def test_heralds_that_do_not_fit_release_nothing(spoiled: dict[str, object]) -> 
     # A whole one afterwards is taken, in place of the one that was spoiled.
     if "pulses" not in spoiled:
         assert turns.stored(right, halves[0]) == []
-        assert hops[0] in turns.stored(right, halves[1])
+        assert hops[0] in [each.swap for each in turns.stored(right, halves[1])]

@@ -27,6 +27,7 @@ FIRST, SECOND, ONE, TWO = 60_001, 60_002, 61_001, 61_002
 STORING = (3, ONE), (4, TWO)  # alice's and bob's fibres
 LEADING = (ONE, FIRST), (TWO, SECOND)
 TRAIN_S = (PAIRS - 1) / FAST_HZ
+SLOW_HZ = 500  # a block takes longer than the clock jumps
 
 
 def play(folder: Path, act: Callable[[Scene], Awaitable[None]], **memory: Any) -> None:
@@ -194,6 +195,29 @@ def test_two_blocks_of_which_one_has_no_pulse_left_meet_all_the_same(tmp_path: P
     play(tmp_path, act)
 
 
+def test_a_memory_of_which_a_block_was_named_keeps_later_ones_until_they_are(
+    tmp_path: Path,
+) -> None:
+    async def act(scene: Scene) -> None:
+        half, everything = PAIRS // 2, np.arange(PAIRS)
+        await scene.bench.switch.connect(*STORING, *LEADING)
+        await scene.emit(scene.bench.alice, "alice-q0", 0)
+        await require_stored(scene, ONE)
+        await keep(scene, ONE, 1, everything)
+        await scene.emit(scene.bench.bob, "bob-q0", 1)
+        await require_stored(scene, TWO)
+        assert (await swapped(scene)).size == PAIRS
+        await scene.emit(scene.bench.alice, "alice-q0", 2)
+        await scene.emit(scene.bench.bob, "bob-q0", 3)
+        await require_stored(scene, ONE, TWO)
+        await keep(scene, ONE, 2, everything, 0)
+        assert [each[0] for each in await states(scene)] == [PAIRS, PAIRS]
+        await keep(scene, ONE, 2, everything, half)
+        assert (await swapped(scene)).size == PAIRS
+
+    play(tmp_path, act)
+
+
 async def keep(
     scene: Scene, port: int, number: int, pulses: np.ndarray[Any, Any], begin: int | None = None
 ) -> None:
@@ -258,6 +282,30 @@ def test_pairs_of_a_switch_join_the_halves_of_two_hosts(tmp_path: Path) -> None:
     fidelity = (1 + 3 * ((4 * werner - 1) / 3) ** 3) / 4
     expected = (2 * fidelity + 1) / 3
     assert abs(found[0] - expected) < 5 * math.sqrt(expected * (1 - expected) / PAIRS)
+
+
+def test_light_of_a_source_leaves_behind_that_of_the_block_before(tmp_path: Path) -> None:
+    """A short block does not pass a long one."""
+
+    async def run() -> None:
+        q1, clock = QuantumSwitch("q1", analysers=1, memories=2, sources=1), PatientClock()
+        async with running(configuration(tmp_path, switches=[q1]), clock) as bench:
+            scene = Scene(bench, clock)
+            await scene.reports.initial_metadata()
+            await bench.switch.connect((62_001, ONE))
+            counts = PAIRS, PAIRS // 10, 1
+            for number, count in enumerate(counts, 1):
+                await emit(bench, session=8, number=number, count=count, rate_hz=SLOW_HZ)
+            clock.over.set()
+            stored: list[int] = []
+            while len(stored) < len(counts):
+                report = await scene.report()
+                if report.end == BellOutcomes.STORED:  # or let go of, as the clock has jumped
+                    stored.append(report.photons)
+            assert stored == list(counts)
+            scene.reports.cancel()
+
+    uvloop.run(run())
 
 
 async def emit(bench: Bench, **request: int) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 from hosts.hardware.replies import HardwareError
 from hosts.middleware.session import protocol
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.mailbox import Mailbox
+from hosts.middleware.session.mailbox import Mailbox, Wanted
 from hosts.middleware.session.protocol import Joined, Light, Steps
 from wire.metadata.decoding import decode, message_length
 from wire.metadata.header import HEADER, Message
@@ -72,11 +72,12 @@ class Wire:
         """Return the next message that is for who asks, CLOSED behind the last, or WAITING."""
         if self.mailbox is None:
             return self._next()
-        while not self.mailbox.has(block, begins):
+        wanted = Wanted(block, begins)
+        while not self.mailbox.has(wanted):
             if (message := self._next()) is WAITING:
                 return WAITING
             self.mailbox.put(None if message is CLOSED else message)
-        return self.mailbox.take(block, begins) or CLOSED
+        return self.mailbox.take(wanted) or CLOSED
 
     def _next(self) -> Any:
         """Return the next message of all; raise SessionError inside one."""

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.mailbox import MAX_KEPT, Mailbox
+from hosts.middleware.session.mailbox import MAX_KEPT, Mailbox, Wanted
 from hosts.middleware.session.values import values
 from wire.metadata.blocks import Emit, Finish, Report
 from wire.metadata.header import Message
@@ -45,20 +45,20 @@ def test_messages_of_three_blocks_come_to_them_in_order_however_they_are_mixed(
         for block in order:
             box.put(left[block].pop(0))
         for block in asked:
-            assert [box.take(block) for _ in range(3)] == of_block(block)
-            assert not box.has(block)
-        assert not box.has(None)
+            assert [box.take(Wanted(block)) for _ in range(3)] == of_block(block)
+            assert not box.has(Wanted(block))
+        assert not box.has(Wanted())
 
 
 def test_who_waits_for_a_block_that_begins_leaves_the_news_of_others() -> None:
     box = Mailbox()
     for message in (*of_block(1)[:2], said(Topic.COMING, 2, 8), Finish(SESSION, 0, bytes(32))):
         box.put(message)
-    assert box.take(None, begins=True) == said(Topic.COMING, 1, 8)
-    assert box.take(None, begins=True) == said(Topic.COMING, 2, 8)
-    assert isinstance(box.take(None, begins=True), Finish)
-    assert not box.has(None, begins=True)
-    assert box.take(1) == said(Topic.SWAPPED, 1, 1)
+    assert box.take(Wanted(begins=True)) == said(Topic.COMING, 1, 8)
+    assert box.take(Wanted(begins=True)) == said(Topic.COMING, 2, 8)
+    assert isinstance(box.take(Wanted(begins=True)), Finish)
+    assert not box.has(Wanted(begins=True))
+    assert box.take(Wanted(1)) == said(Topic.SWAPPED, 1, 1)
 
 
 def test_who_follows_takes_what_comes_whatever_it_is_about() -> None:
@@ -66,7 +66,16 @@ def test_who_follows_takes_what_comes_whatever_it_is_about() -> None:
     coming = [*of_block(1), *of_block(2)]
     for message in coming:
         box.put(message)
-    assert [box.take(None) for _ in coming] == coming
+    assert [box.take(Wanted()) for _ in coming] == coming
+
+
+def test_who_follows_leaves_blocks_that_others_hear_of() -> None:
+    box = Mailbox()
+    for message in (*of_block(1), *of_block(2)):
+        box.put(message)
+    assert [box.take(Wanted(apart={1})) for _ in range(3)] == of_block(2)
+    assert not box.has(Wanted(apart={1}))
+    assert box.take(Wanted(1)) == of_block(1)[0]
 
 
 def test_values_of_a_block_that_nobody_has_announced_are_refused() -> None:
@@ -92,10 +101,10 @@ def test_everybody_hears_of_the_end_behind_what_came_before(last: Answer | None)
     box = Mailbox()
     box.put(said(Topic.COMING, 1, 8))
     box.put(last)
-    assert box.take(1) == said(Topic.COMING, 1, 8)
+    assert box.take(Wanted(1)) == said(Topic.COMING, 1, 8)
     for block in (1, 2, None):
-        assert box.has(block)
-        assert box.take(block) == last
+        assert box.has(Wanted(block))
+        assert box.take(Wanted(block)) == last
 
 
 def test_more_messages_than_are_kept_end_the_connection() -> None:

@@ -14,6 +14,7 @@ application ends the session; meanwhile the application at either end may ask to
 (Pairs.answer). They are called by session and number.
 """
 
+from collections.abc import Collection
 from functools import partial
 from math import inf
 
@@ -50,9 +51,9 @@ async def receive(end: AcceptorEnd) -> Answerer:
     return await share_pairs(end, partial(share, end.side))
 
 
-async def share_pairs(end: AcceptorEnd, shared: Share) -> Answerer:
-    """Follow the opener; new blocks are shared in this way."""
-    pairs = await end.perform_together(follow(end.side, shared, now_s()))
+async def share_pairs(end: AcceptorEnd, shared: Share, under_way: Collection[int] = ()) -> Answerer:
+    """Follow the opener; new blocks are shared in this way, which hears of those under way."""
+    pairs = await end.perform_together(follow(end.side, shared, now_s(), under_way))
     end.summary = pairs.summary(now_s())
     return answerer(end, pairs)
 

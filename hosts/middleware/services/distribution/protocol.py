@@ -5,7 +5,7 @@ come to both ends is for others to say (sharing.py, and swapping, whose pairs co
 of which several blocks are under way).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from math import ceil, inf
 
 import numpy as np
@@ -322,10 +322,15 @@ class Opening:
         )
 
 
-def follow(side: HostSide, share: Share, started_s: float) -> Steps[Pairs]:
-    """Do what the opener says until it delivers; new blocks are shared in this way."""
+def follow(
+    side: HostSide, share: Share, started_s: float, under_way: Collection[int] = ()
+) -> Steps[Pairs]:
+    """Do what the opener says until it delivers; new blocks are shared in this way.
+
+    Other steps hear messages about blocks under way.
+    """
     pairs = Pairs(side, half=1, started_s=started_s)
-    while (message := (yield from side.next_values())) is not None:
+    while (message := (yield from side.next_values(apart=under_way))) is not None:
         number = message.block
         if message.topic == Topic.COMING:
             yield from share(pairs, message)

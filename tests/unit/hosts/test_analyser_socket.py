@@ -1,0 +1,99 @@
+"""Outcomes of switches' analysers for blocks that are under way at once, over real sockets."""
+
+import asyncio
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from hosts.middleware.session.analyser_socket import AnalyserSocket, Swapped
+from hosts.middleware.session.errors import SessionError
+from wire.analyser_frames import MOST_OUTCOMES, AnalyserFrame, End, Receivers, frames_of, group_of
+from wire.outcomes import NO_COINCIDENCE as LOST
+
+SESSION, ANALYSER, MEMORY = 7, 60_001, 61_001
+SIZE = MOST_OUTCOMES + 2  # two frames a block
+
+
+@dataclass
+class Copper:
+    """What comes to a host: outcomes from switches, and heralds."""
+
+    frames: AnalyserSocket
+    outcomes: socket.socket
+    heralds: socket.socket
+
+    def report(self, switch: int, number: int, outcomes: bytes) -> None:
+        """Have a switch tell all outcomes of a block."""
+        report = AnalyserFrame(ANALYSER, number, End.MEASURED, len(outcomes), 0, outcomes)
+        for frame in frames_of(report):
+            self.outcomes.send(frame.encode(group_of(SESSION), bytes([2, 0, 0, 0, 0, switch])))
+
+    def herald(self, number: int, held: bytes, to: Receivers = Receivers.OPENER) -> None:
+        report = AnalyserFrame(MEMORY, number, End.STORED, len(held), 0, held)
+        for frame in frames_of(report):
+            self.heralds.send(frame.encode(group_of(SESSION, to), bytes(6)))
+
+    def next(self, *sizes: int) -> list[Swapped]:
+        """Return the outcomes of blocks at two switches, asked for at once."""
+
+        async def found() -> list[Swapped]:
+            return await asyncio.gather(*(self.frames.next(size, 2) for size in sizes))
+
+        return asyncio.run(found())
+
+
+@contextmanager
+def copper() -> Iterator[Copper]:
+    """Give the opener's."""
+    pairs = [socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM) for _ in range(2)]
+    try:
+        for ours, _theirs in pairs:
+            ours.setblocking(False)
+        (outcomes, to_outcomes), (heralds, to_heralds) = pairs
+        frames = AnalyserSocket(outcomes, heralds, SESSION, Receivers.OPENER)
+        yield Copper(frames, to_outcomes, to_heralds)
+    finally:
+        for pair in pairs:
+            for each in pair:
+                each.close()
+
+
+def test_blocks_under_way_get_the_outcomes_of_their_own_though_switches_are_not_in_step() -> None:
+    with copper() as wire:
+        for number, outcome in ((4, b"\1"), (5, b"\2")):
+            wire.report(1, number, outcome * SIZE)
+        for number, outcome in ((9, b"\0"), (10, b"\1")):
+            wire.report(2, number, outcome * SIZE)
+        first, second = wire.next(SIZE, SIZE)
+    assert (set(first.outcomes), set(second.outcomes)) == ({1}, {3})
+    assert [sorted(each.blocks[1::2]) for each in (first, second)] == [[4, 9], [5, 10]]
+    assert first.positions.tolist() == second.positions.tolist() == list(range(SIZE))
+
+
+def test_each_block_with_gaps_has_its_own_herald() -> None:
+    """The first block met whole: its herald is not that of the second."""
+    with copper() as wire:
+        wire.herald(1, bytes(4))
+        wire.herald(8, bytes([LOST, 0, LOST, 0]), Receivers.ACCEPTOR)
+        wire.herald(2, bytes([LOST, 0, 0, LOST]))
+        for switch in (1, 2):
+            wire.report(switch, 1, bytes(4))
+            wire.report(switch, 2, bytes(2))
+        first, second = wire.next(4, 4)
+    assert first.positions.tolist() == [0, 1, 2, 3]
+    assert second.positions.tolist() == [1, 2]
+    assert np.array_equal(second.outcomes, [0, 0])
+
+
+def test_a_block_whose_outcomes_were_lost_ends_the_session() -> None:
+    with copper() as wire:
+        for switch in (1, 2):
+            wire.report(switch, 1, bytes(4))
+        wire.report(1, 2, bytes(4))
+        wire.report(2, 3, bytes(4))
+        with pytest.raises(SessionError, match="outcomes of block 3 of an analyser come behind"):
+            wire.next(4, 4)
