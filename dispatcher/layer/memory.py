@@ -45,11 +45,11 @@ class Memories:
         self._sabot, self._draws = sabot, draws
         self._stored: dict[str, dict[Block, int]] = {}  # qubits of each block, by node
 
-    def store(self, block: Block, cutoff_s: float | None = None) -> str:
+    def store(self, block: Block, cutoff_s: float | None = None) -> tuple[str, int]:
         """Put a block at a node into its memory, or keep it there; refuse what has no room.
 
         Photons older than the cut-off (the given one, or the memory's) are dropped. Return the
-        text of the event log on wrong heralds.
+        text of the event log on wrong heralds, and how many were too old.
         """
         stored = self._stored.setdefault(block.node, {})
         wrong = "" if block in stored else self._put(block, stored)
@@ -57,8 +57,7 @@ class Memories:
         if cutoff_s == cutoff.NEVER:
             cutoff.remember(block)
         block.cutoff_s = default_s if cutoff_s is None else cutoff_s
-        cutoff.drop(self._sabot, block, self._clock.now_ns())
-        return wrong
+        return wrong, cutoff.drop(self._sabot, block, self._clock.now_ns())
 
     def _put(self, block: Block, stored: dict[Block, int]) -> str:
         hardware.require(self._devices, block.node, STORE)

@@ -246,7 +246,7 @@ class Operations:
         """Keep a block in the node's memory, and drop what is older than the cut-off."""
         cutoff_s = cutoff.requested(request)
         block = weak_light.require(self._layer, block_name(request.block), node)
-        wrong = self._layer.memories.store(block, cutoff_s)
+        wrong, _old = self._layer.memories.store(block, cutoff_s)
         self._layer.record(node, "store", block, detail=wrong)
         feedback = self._layer.feedback(block)
         feedback.time_ns = block.stored_ns

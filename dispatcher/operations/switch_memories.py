@@ -153,12 +153,13 @@ class SwitchMemories:
             self._discard(block, BellOutcomes.FAILED, "refused")
             return
         try:
-            layer.memories.store(block, switch.cutoffs_s.get(int(block.port)))
+            _wrong, old = layer.memories.store(block, switch.cutoffs_s.get(int(block.port)))
         except Refusal as refusal:
             layer.record(node, "refuse", block, block.port, str(refusal))
             self._discard(block, BellOutcomes.UNFIT, "refused")
             return
-        self._counts[node]["stored"] += block.register.remaining
+        self._counts[node]["stored"] += block.register.remaining + old
+        self._counts[node]["cut_off"] += old
         layer.record(node, "store", block, block.port)
         held = np.where(block.register.present, 0, NO_CLICK).astype(np.uint8)
         report = BellOutcomes(end=BellOutcomes.STORED, photons=held.size, outcomes=held.tobytes())

@@ -355,6 +355,22 @@ def test_a_cut_off_can_be_set_and_is_of_memories_alone(tmp_path: Path) -> None:
     play(tmp_path, act)
 
 
+def test_photons_that_are_too_old_when_the_last_has_come_are_counted_as_cut_off(
+    tmp_path: Path,
+) -> None:
+    async def act(scene: Scene) -> None:
+        await scene.bench.switch.connect(*STORING)
+        set_it = TunePortRequest(switch="q1", port=ONE, cutoff_s=TRAIN_S / 2)
+        await scene.bench.switch.call("TunePort", set_it)
+        await scene.emit(scene.bench.alice, "alice-q0", 0)
+        report = await scene.report()
+        assert (report.end, report.outcomes[0]) == (BellOutcomes.STORED, 255)
+        assert (await scene.report()).end == BellOutcomes.CUT_OFF
+        assert (await states(scene))[0] == (0, PAIRS, 0, PAIRS, 0)
+
+    play(tmp_path, act)
+
+
 def test_memories_that_no_switch_has_are_refused() -> None:
     with pytest.raises(BadParameter, match="without memories has no effect; give memories=1"):
         QuantumSwitch("q1", memory=Memory(capacity=5)).check()
