@@ -1,4 +1,4 @@
-"""Classes of a user's own, each from a file that is named as "path/to/file.py:ClassName".
+"""Classes of a user's own, by file, as "path/to/file.py:ClassName", or registered by a package.
 
 The file is on this machine's disk and its name comes from the user who starts the network, as the
 topology itself does; nothing that comes over the network ever names one.
@@ -15,6 +15,9 @@ from typing import Any
 
 from wire.config import BadConfig
 from wire.parameters.checks import remedy
+from wire.registered import HARDWARE, NOISE, TOPOLOGIES, BadPackage, load, registered
+
+GROUPS = {"noise": NOISE, "qnic": HARDWARE, "topology": TOPOLOGIES}
 
 
 def load_class(
@@ -27,6 +30,12 @@ def load_class(
 
     Raise BadConfig where there is none, or none that `fits`, which `needed` says in words.
     """
+    if (entry := registered(GROUPS[what]).get(reference)) is not None:
+        try:
+            found: type[Any] = load(entry, lambda each: isinstance(each, type) and fits(each))
+        except BadPackage as error:
+            raise BadConfig(f"{what} {error}") from error
+        return found
     file, _, name = reference.rpartition(":")
     module = _module(f"{what} {reference}", Path(file))
     loaded = getattr(module, name, None)
@@ -66,7 +75,8 @@ def _command_that_runs(file: Path) -> str:
 
 
 def fault_in(file: Path, error: Exception) -> str:
-    return f"line {line_in(file, error)}: {type(error).__name__}: {error}"
+    line = line_in(file, error)
+    return f"{f'line {line}: ' if line else ''}{type(error).__name__}: {error}"
 
 
 def line_in(file: Path, error: Exception) -> int | None:

@@ -15,18 +15,17 @@ from importlib import import_module
 from types import MappingProxyType
 from typing import Any
 
-from qmn.as_root import NoRoot
 from qmn.machine_limits import limit_met
-from qmn.needs import provide
+from qmn.needs import NoRoot, provide
 from qmn.old_words import translated
 from qmn.parser import Parser
 from qmn.printable_text import guard_standard_streams
 from qmn.project import ShowVersion, remedy
-from qmn.registered import VERBS as REGISTERED
-from qmn.registered import registered
 from topologies.system.processes.outputs import forget_no_width, with_outputs
 from topologies.system.processes.programs import NetworkError, find_tools
 from topologies.system.processes.signals import Signals
+from wire.registered import VERBS as REGISTERED
+from wire.registered import Registry
 
 # Verbs of the core and what they do, by the purpose of their user; modules of qmn.verbs.
 OWN: Mapping[str, Mapping[str, str]] = MappingProxyType(
@@ -55,8 +54,8 @@ OWN: Mapping[str, Mapping[str, str]] = MappingProxyType(
 def with_registered() -> tuple[dict[str, dict[str, str]], dict[str, str]]:
     headings = {title: dict(verbs) for title, verbs in OWN.items()}
     places = {verb: f"qmn.verbs.{verb}" for verbs in OWN.values() for verb in verbs}
-    for entry in registered(REGISTERED).values():
-        for title, verbs in entry.load().items():
+    for added in Registry[Any](REGISTERED, lambda each: isinstance(each, dict), {}).values():
+        for title, verbs in added.items():
             for verb, (module, text) in verbs.items():
                 if verb in places:
                     raise ImportError(f"{module}: {places[verb]} is the verb {verb}; rename one")

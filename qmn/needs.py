@@ -1,17 +1,36 @@
-"""The needs of a verb before it runs, and how they are met."""
+"""The needs of a verb before it runs, and how they are met: root by the same command by sudo."""
 
 import argparse
 import enum
+import os
+import shutil
 from collections.abc import Sequence
 from contextlib import suppress
+from pathlib import Path
 
-from qmn.as_root import become_root
 from topologies.system import namespaces
 from topologies.system.kernel.memory_share import groups_of_gone
 from topologies.system.namespaces import RunningRun
-from topologies.system.processes.programs import NetworkError
+from topologies.system.processes.programs import ROOT, NetworkError
 
+# Of an installed package it is beside Python, which it names to the program.
+PYTHON = os.environ.get("QMN_PYTHON")
+COMMAND = str(Path(PYTHON).with_name("qmn") if PYTHON else ROOT / "bin" / "qmn")
 CHOOSE = "several networks run: {}; choose one, as in `qmn enter --run {} qmn devices`"
+
+
+class NoRoot(Exception):
+    """Root is needed, and there is no sudo to ask for it."""
+
+
+def become_root(words: Sequence[str]) -> None:
+    """Run `qmn` with these words by sudo in place of this program, unless it has root."""
+    if os.geteuid() == 0:
+        return
+    sudo = shutil.which("sudo")
+    if sudo is None:
+        raise NoRoot("this needs root, and there is no sudo: run it as root")
+    os.execv(sudo, ["sudo", COMMAND, *words])  # noqa: S606
 
 
 class Needs(enum.Enum):

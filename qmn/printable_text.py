@@ -5,6 +5,10 @@ The strings of a run may be another person's. A verb that prints them writes to 
 
 import io
 import sys
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 LAYOUT = str.maketrans("", "", "\n\t")
 
@@ -41,3 +45,13 @@ def guard_standard_streams() -> None:
         words = {"encoding": stream.encoding, "errors": "backslashreplace"}
         buffered = {each: getattr(stream, each) for each in ("line_buffering", "write_through")}
         setattr(sys, name, PrintableOutput(stream.detach(), **words, **buffered))
+
+
+def console_of_output() -> "Console":
+    """Return a console that writes control codes to a terminal alone.
+
+    Notebooks set FORCE_COLOR, which would put them into their outputs.
+    """
+    from rich.console import Console  # which verbs that print plain text do not load
+
+    return Console(highlight=False, force_terminal=sys.stdout.isatty())

@@ -4,20 +4,18 @@ An entry point of the group `qmn.services` names a RegisteredService, in a modul
 wire/ nothing but this module, wire.features and wire.results.figures: every process loads it.
 """
 
-import logging
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cache
-from importlib.metadata import entry_points
 from typing import Any, NamedTuple
 
 from wire.features import ABSORB, EMIT, MEASURE, STORE, Feature
+from wire.registered import Registry
 
 GROUP = "qmn.services"
-
-log = logging.getLogger("services")
+HIGHEST_NUMBER = 255  # a byte of set-up messages
 
 
 class Role(Enum):
@@ -71,6 +69,10 @@ class RegisteredService:
     # Parts of devices that a role uses, beside those that its needs name (wire.parameters.physics).
     uses: Mapping[Role, tuple[str, ...]] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        if not 0 < self.number <= HIGHEST_NUMBER:
+            raise ValueError(f"service {self.name}: number {self.number}: choose 100 to 255")
+
 
 @cache
 def registered_services() -> tuple[RegisteredService, ...]:
@@ -78,12 +80,8 @@ def registered_services() -> tuple[RegisteredService, ...]:
 
     Raise ValueError for two of one name or one number.
     """
-    services = list[RegisteredService]()
-    for entry in sorted(entry_points(group=GROUP), key=lambda each: each.name):
-        try:
-            services.append(entry.load())
-        except (ImportError, AttributeError, TypeError, ValueError) as error:
-            log.warning("service %s (%s) is left out: %s", entry.name, entry.value, error)
+    added = Registry[RegisteredService](GROUP, lambda each: isinstance(each, RegisteredService), {})
+    services = list(added.values())
     for name in ("name", "number"):
         counted = Counter(getattr(service, name) for service in services)
         for value, count in counted.items():

@@ -3,16 +3,16 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from importlib.metadata import entry_points
 from typing import Any
 
 from controller_apps.console import tapi
 from controller_apps.console.questions import Refused, ask
 from wire.device import setting_number
 from wire.parameters.checks import remedy
+from wire.registered import registered
 
 # Apps of packages, as MODULE:CLASS, each by the name of the question that it answers.
-PACKAGE_APPS = sorted(entry_points(group="qmn.controller_apps"), key=lambda each: each.name)
+PACKAGE_APPS = registered("qmn.controller_apps").values()
 
 
 @dataclass(frozen=True)

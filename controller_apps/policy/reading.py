@@ -108,10 +108,14 @@ from wire.device import (
 )
 from wire.metadata.vocabulary import Service
 from wire.parameters.checks import check_choice, check_names, check_number, remedy
+from wire.registered import Registry
 from wire.services import LIGHT, RETURNS
 
 SHIPPED = Path(__file__).parent
 DEFAULT = SHIPPED / "demo.toml"
+POLICIES = Registry(
+    "qmn.policies", lambda each: isinstance(each, Path), {"deny": SHIPPED / "deny.toml"}
+)
 ACTIONS = ("allow", "deny")
 # A link belongs to a swap, and is allowed with it; a return is allowed as what it is a return of.
 PARTS = (Service.LINK, *RETURNS)
@@ -137,8 +141,8 @@ class BadPolicy(ValueError):
 
 
 def read_policy(path: str | Path) -> Policy:
-    """Read a policy file, the shipped default if the path is empty; raise BadPolicy."""
-    file = Path(path) if str(path) else DEFAULT
+    """Read a policy, the shipped default if the path is empty; raise BadPolicy."""
+    file = policy_file(path) if str(path) else DEFAULT
     try:
         return parse_policy(file.read_bytes().decode())
     except OSError as error:
@@ -147,6 +151,11 @@ def read_policy(path: str | Path) -> Policy:
         raise BadPolicy(f"policy {file} is not TOML: {error}") from error
     except ValueError as error:  # UnicodeDecodeError is one
         raise BadPolicy(f"policy {file}: {error}") from error
+
+
+def policy_file(name: str | Path) -> Path:
+    """Return the file of a policy that qmn or a package has by name, or that is a path itself."""
+    return POLICIES.get(str(name), Path(name))
 
 
 def require_switches(policy: Policy, names: Collection[str]) -> None:

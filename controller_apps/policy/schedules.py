@@ -13,13 +13,16 @@ edf     those of high priority first, of one priority those whose deadline is ne
 slots   each request the first time slot that can carry it, or it is refused at once if there is
         none by its deadline (controller_apps/sessions/slots.py)
 
-One that finds no light lets pass who finds some. Of yours: a function here, and a line in ORDERS.
+One that finds no light lets pass who finds some. Of yours: a function that a
+package registers as an entry point of qmn.schedulers.
 """
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from math import inf
 from types import MappingProxyType
+
+from wire.registered import Registry
 
 
 @dataclass(frozen=True)
@@ -44,8 +47,8 @@ def earliest_deadline(waiting: Waiting) -> Place:
 
 
 FCFS, SLOTS = "fcfs", "slots"
-ORDERS: Mapping[str, Callable[[Waiting], Place]] = MappingProxyType(
-    {FCFS: first_come, "edf": earliest_deadline, SLOTS: first_come}
+ORDERS = Registry[Callable[[Waiting], Place]](
+    "qmn.schedulers", callable, {FCFS: first_come, "edf": earliest_deadline, SLOTS: first_come}
 )
 
 

@@ -26,9 +26,9 @@ from evidence.curves.table import opened
 from evidence.kinds.sweep import MAX_WORKERS, progress_columns
 from evidence.labs.lab import Finding, Published, PublishedRow
 from evidence.labs.outcome import number, show, stated
-from qmn.console import console_of_output
 from qmn.options import add_options, read
 from qmn.parser import Parser
+from qmn.printable_text import console_of_output
 from qmn.results.run_folder import give_tree
 from topologies.networks.network import Interrupted, Signals
 from wire.parameters.checks import remedy

@@ -34,10 +34,10 @@ from evidence.curves.table import Table, opened
 from evidence.networks import job_sweep
 from evidence.networks.catalogue import EMULATED
 from evidence.networks.job_sweep import WHAT
-from qmn.console import console_of_output
 from qmn.needs import Needs
 from qmn.options import add_options, read, titled
 from qmn.parser import Parser, listed
+from qmn.printable_text import console_of_output
 from qmn.requests.of_job import JOBS
 from qmn.requests.run_options import LiveOptions
 from qmn.results.run_folder import give_tree

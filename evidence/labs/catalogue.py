@@ -1,5 +1,7 @@
-"""The labs that there are: the folders of labs/, and any other that is named by its path."""
+"""The labs that there are: the folders of labs/, those of packages, and others by their path."""
 
+from collections.abc import Mapping
+from functools import cache
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
@@ -7,12 +9,13 @@ from evidence.labs.lab import Lab
 from qmn.options import BadInput
 from topologies.system.processes.programs import ROOT
 from wire.parameters.checks import remedy
+from wire.registered import Registry
 
 LABS = ROOT / "labs"
 
 
 def names(folder: Path = LABS) -> list[str]:
-    return sorted(path.name for path in folder.iterdir() if _file(folder, path.name).exists())
+    return list(_known(folder))
 
 
 def lab(name: str, folder: Path = LABS) -> Lab:
@@ -20,13 +23,24 @@ def lab(name: str, folder: Path = LABS) -> Lab:
     if "/" in name:
         place = Path(name).resolve()
         folder, name = place.parent, place.name
-    known = names(folder) if folder.is_dir() else []
+    known = _known(folder) if folder.is_dir() else {}
     if name not in known:
-        text = remedy(name, known)
+        text = remedy(name, list(known))
         if folder != LABS:
             text = f"{_file(folder, name)} is to say LAB = Lab(…)"
         raise BadInput(f"there is no lab {name}: {text}")
-    return _loaded(_file(folder, name))
+    found = known[name]
+    return found if isinstance(found, Lab) else _loaded(found)
+
+
+@cache
+def _known(folder: Path) -> Mapping[str, Lab | Path]:
+    """Return the files of a folder's labs by name, and beside our own the labs of packages."""
+    files = {path.name: _file(folder, path.name) for path in sorted(folder.iterdir())}
+    own = {name: file for name, file in files.items() if file.exists()}
+    if folder != LABS:
+        return own
+    return Registry[Lab | Path]("qmn.labs", lambda each: isinstance(each, Lab), own)
 
 
 def _file(folder: Path, name: str) -> Path:

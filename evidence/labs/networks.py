@@ -14,7 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from evidence.labs.lab import Run
-from qmn.as_root import COMMAND
+from qmn.needs import COMMAND
 from qmn.timeouts import LAB_END_TIMEOUT_S, LAB_POLL_S, LAB_RUN_TIMEOUT_S
 from topologies.system.processes.programs import NetworkError, cause
 from wire.results.run_result import RESULT

@@ -8,7 +8,6 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 from typing import Any, Protocol
 
 from hosts.hardware.qnic import Qnic
@@ -17,10 +16,11 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.session import Application, OpeningSession
 from wire.config import HostConfig
 from wire.metadata.vocabulary import Reason
+from wire.registered import registered
 from wire.results.figures import EveFigures
 
-REGISTERED = entry_points(group="qmn.processing_units")
-INTERCEPTIONS = entry_points(group="qmn.interceptions")
+REGISTERED = registered("qmn.processing_units").values()
+INTERCEPTIONS = registered("qmn.interceptions").values()
 
 
 class Attending(Application, Protocol):

@@ -10,13 +10,13 @@ from pathlib import Path
 
 from rich.console import Console
 
-from qmn.console import console_of_output
 from qmn.jobs.transfer import TransferError
 from qmn.machines.options import machine_facts, machines_of
 from qmn.network.custom_topology import BadTopology
 from qmn.network.description import NetworkDescription
 from qmn.network.options import settings
 from qmn.options import BadInput
+from qmn.printable_text import console_of_output
 from qmn.requests.request import Request
 from qmn.requests.run_options import RunOptions
 from qmn.results.pace_row import note_pace, time_text

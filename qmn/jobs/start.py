@@ -9,9 +9,9 @@ from qmn.network.options import NetworkOptions
 from qmn.network.topologies import add_topology
 from qmn.options import add_options, read
 from qmn.parser import Parser
-from qmn.registered import JOB
 from qmn.requests.run_options import RunOptions
 from wire.parameters.option import WRITTEN
+from wire.registered import JOB
 
 
 def describe_job(

@@ -18,6 +18,7 @@ from topologies.links.fiber import OPTICS
 from topologies.system.processes.programs import ROOT, python
 from wire.config import BadConfig
 from wire.parameters.physics import BadParameter
+from wire.registered import TOPOLOGIES, registered
 
 
 class BadTopology(Exception):
@@ -25,7 +26,7 @@ class BadTopology(Exception):
 
 
 def is_custom(name: str) -> bool:
-    return ":" in name
+    return ":" in name or name in registered(TOPOLOGIES)
 
 
 def short_name(name: str) -> str:
@@ -39,7 +40,7 @@ def load(name: str, given: Mapping[str, Any]) -> Callable[[], Topo]:
     Raise BadTopology for a file, class or parameter that there is not; what is returned raises it
     for what its `build` does wrong.
     """
-    path, _, class_name = name.rpartition(":")
+    path, class_name = name.rpartition(":")[0] or "its package", short_name(name)
     try:
         topo_class = load_class("topology", name, "of mininet.topo.Topo", _is_topology)
     except BadConfig as error:
@@ -54,7 +55,7 @@ def load(name: str, given: Mapping[str, Any]) -> Callable[[], Topo]:
 
 def _built(topo_class: type[Topo], name: str, given: Mapping[str, Any]) -> Topo:
     """Return the topology; raise BadTopology, with the user's file and line, if it cannot be."""
-    file, _, class_name = name.rpartition(":")
+    file, class_name = topo_class.build.__code__.co_filename, topo_class.__name__
     try:
         return checked(topo_class)(**given)
     except BadTopology:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+from controller_apps.policy.reading import policy_file
 from qmn.network.time_scale import PACED, STEPPED, Pace, time_mode
 from topologies.catalogue.node_kinds import NODE_KINDS
 from topologies.catalogue.presets import PRESETS
@@ -124,7 +125,8 @@ def settings(
     events: bool = True,
 ) -> Runtime:
     """Return the settings of a network that leaves its logs in a folder; None: leaves none."""
-    paths = {name: getattr(options, name) for name in ("sabot", "policy", "keys", "tls_from")}
+    paths = {name: getattr(options, name) for name in ("sabot", "keys", "tls_from")}
+    paths["policy"] = options.policy and policy_file(options.policy)
     whole: dict[str, Any] = {
         name: str(Path(path).resolve()) for name, path in paths.items() if path
     }

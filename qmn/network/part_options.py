@@ -27,6 +27,7 @@ from wire.parameters.physics import Device
 from wire.parameters.quantity import quantity
 from wire.parameters.switch import COMPOUND, QuantumSwitch
 from wire.parameters.switch import OPTICS as SWITCH_OPTICS
+from wire.registered import NOISE, registered
 
 FIBER = {each.name: getattr(FiberOptics(), each.name) for each in fields(FiberOptics)}
 SWITCH = {
@@ -245,18 +246,29 @@ def _changed_devices(devices: Mapping[str, Device], words: Sequence[str]) -> dic
     given = dict(devices)
     for word in words:
         place, _equals, text = word.partition("=")
-        host, part, name = [*place.split("."), "", ""][:3]
-        if not text or not host or place.count(".") != 2:
+        host, part, name = [*place.split(".", 2), "", ""][:3]
+        if not text or not host or not name:
             raise BadTopology(
                 f"--device {word}: write HOST.PART.NAME=VALUE, * for every HOST, and PART of "
                 f"{', '.join(IDEAL)}"
             )
         check_names(f"--device {word}: a device", [part], IDEAL, BadTopology)
-        check_names(f"--device {word}: {part}", [name], IDEAL[part], BadTopology)
-        device = given.get(host, Device())
-        value = _value(f"--device {word}", name, text, IDEAL[part][name], of_none=tuple)
-        changed = replace(getattr(device, part), **{name: value})
-        given[host] = replace(device, **{part: changed})
+        before = given.get(host, Device())
+        changed = _changed_part(f"--device {word}", part, before, (name, text))
+        given[host] = replace(before, **{part: changed})
     for host, device in given.items():
         device.check(host)
     return given
+
+
+def _changed_part(where: str, part: str, device: Device, setting: tuple[str, str]) -> Any:
+    """Return a part with one setting: its own, or NOISE.NAME of a package's noise model."""
+    (name, text), before, known = setting, getattr(device, part), IDEAL[part]
+    noise, dot, parameter = name.partition(".")
+    if not dot or noise not in registered(NOISE):
+        check_names(f"{where}: {part}", [name], known, BadTopology)
+        return replace(before, **{name: _value(where, name, text, known[name], of_none=tuple)})
+    check_names(f"{where}: {part}", ["noise"], known, BadTopology)
+    others = before.noise_parameters if before.noise == noise else {}
+    value = _value(where, parameter, text, 0.0)
+    return replace(before, noise=noise, noise_parameters={**others, parameter: value})

@@ -25,6 +25,8 @@ from topologies.tapped import TappedTopo
 from topologies.tree import TreeTopo
 from wire.parameters.checks import remedy
 from wire.parameters.option import declared
+from wire.registered import TOPOLOGIES as REGISTERED
+from wire.registered import registered
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,8 @@ TOPOLOGIES: Mapping[str, Topology] = MappingProxyType(
     }
 )
 OWN = "FILE.py:CLASS"
-KNOWN = (*TOPOLOGIES, f"or your own, {OWN}")  # as a user reads what may be chosen
+PACKAGES = registered(REGISTERED, TOPOLOGIES)
+KNOWN = (*TOPOLOGIES, *PACKAGES, f"or your own, {OWN}")  # as a user reads what may be chosen
 PARAMETERS = {each.name: each for each in fields(ShapeOptions)}
 LISTS = ("hosts_at", "sources_at", "repeaters_at")  # parameters whose values have commas
 
@@ -148,7 +151,7 @@ class TakeTopology(argparse.Action):
 
 def add_topology(parser: argparse.ArgumentParser, default: str = "sdc") -> None:
     """Describe --topology, and which one is meant without it."""
-    names = f"{', '.join(TOPOLOGIES)}, or {OWN}"
+    names = f"{', '.join([*TOPOLOGIES, *PACKAGES])}, or {OWN}"
     text = (
         f"over this network ({names}; default: {default}), as chain,5 or chain,switches=5; "
         "`qmn run --help` lists the parameters"
@@ -169,7 +172,7 @@ def described_topologies() -> str:
     """Return what `--help` lists: topologies with their parameters."""
     shown = {
         name: f"{each.text}: {', '.join(each.parameters)}" for name, each in TOPOLOGIES.items()
-    }
+    } | {name: f"of a package: {entry.value}" for name, entry in PACKAGES.items()}
     meanings = {name: declared(each)["help"] for name, each in PARAMETERS.items()}
     return "\n".join(
         [

@@ -1,17 +1,17 @@
 """The requests that there are, and which one a result keeps, by its service and its job."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from types import MappingProxyType
 from typing import Any
 
 from hosts.middleware.services import NAMES
-from qmn.registered import REQUESTS, registered
 from qmn.requests.keeping import kept_fields, read_kept
 from qmn.requests.request import Request
 from qmn.requests.service import ServiceRequest
 from qmn.requests.service_verbs import APPLICATION_PORT, SERVICE_PORT, VERBS, services_of
 from qmn.requests.superdense import SERVICE, SuperdenseRequest
+from wire.registered import REQUESTS, Registry
 
 LOAD = "load"  # a job, whatever its sessions are of
 
@@ -49,7 +49,7 @@ KEPT: Mapping[str, Kept] = MappingProxyType(
             for name in VERBS
             for service in services_of(name)
         },
-        **{name: Kept(entry.load()) for name, entry in registered(REQUESTS).items()},
+        **{name: Kept(kind) for name, kind in Registry[Any](REQUESTS, is_dataclass, {}).items()},
     }
 )
 

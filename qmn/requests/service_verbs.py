@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from qmn.registered import SERVICE_VERBS, registered
 from wire.metadata.vocabulary import Service
+from wire.registered import SERVICE_VERBS, Registry
 
 APPLICATION_PORT, SERVICE_PORT = 7, 9  # of messages, of other services
 
@@ -27,17 +27,7 @@ class Verb:
     line: bool = False  # whether its hosts are named together, in an order
 
 
-def _registered() -> dict[str, Verb]:
-    """Return verbs of packages, but those of a service that is left out (wire/light.py)."""
-    verbs = {name: entry.load() for name, entry in registered(SERVICE_VERBS).items()}
-    return {
-        name: verb
-        for name, verb in verbs.items()
-        if all(each.upper() in Service.__members__ for each in verb.protocols or (name,))
-    }
-
-
-VERBS: Mapping[str, Verb] = MappingProxyType(
+OWN: Mapping[str, Verb] = MappingProxyType(
     {
         "distribute": Verb(
             "put pairs of a wanted fidelity into the memories of two hosts",
@@ -61,7 +51,14 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             "states",
             source=True,
         ),
-        **_registered(),
+    }
+)
+VERBS: Mapping[str, Verb] = MappingProxyType(
+    {
+        name: verb
+        for name, verb in Registry(SERVICE_VERBS, lambda each: isinstance(each, Verb), OWN).items()
+        # One of a service that is left out (wire/light.py) is, too.
+        if all(each.upper() in Service.__members__ for each in verb.protocols or (name,))
     }
 )
 

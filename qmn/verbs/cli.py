@@ -21,7 +21,6 @@ from qmn.network.programs import NetworkProgram, Start
 from qmn.network.time_scale import PACED
 from qmn.network.topologies import TakeTopology, described_topologies, topology
 from qmn.options import BadInput, add_options, read
-from qmn.registered import PROGRAMS, registered
 from qmn.requests.run_options import CAPTURES, LiveOptions
 from qmn.results import pace_row, schema
 from qmn.results.run_folder import begin_folder, give_to_invoker
@@ -32,6 +31,7 @@ from topologies.system.processes.programs import NetworkError
 from topologies.system.processes.signals import interrupted_words
 from views.live.beside import live_view
 from wire.parameters.option import WRITTEN, option
+from wire.registered import PROGRAMS, Registry
 
 INTERRUPTED = 130  # status of a script that Ctrl-C has ended, as of a shell
 
@@ -57,7 +57,7 @@ def add_parser(verbs: Any) -> None:
 
 
 def programs() -> list[NetworkProgram]:
-    return [entry.load() for entry in registered(PROGRAMS).values()]
+    return list(Registry(PROGRAMS, lambda each: isinstance(each, NetworkProgram), {}).values())
 
 
 def call(arguments: argparse.Namespace) -> int:

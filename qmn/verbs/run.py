@@ -2,7 +2,6 @@
 
 import argparse
 from functools import partial
-from importlib.metadata import EntryPoint
 from typing import Any
 
 from hosts.middleware.services import NAMES
@@ -14,12 +13,12 @@ from qmn.network.options import KEYS, NetworkOptions
 from qmn.network.topologies import add_topology, described_topologies
 from qmn.options import add_options, read, titled
 from qmn.parser import Parser
-from qmn.registered import JOB, JOBS, registered
 from qmn.requests.run_options import RunOptions
 from qmn.requests.service import ServiceRequest, ends_of_line, parts_of
 from qmn.requests.service_verbs import APPLICATION_PORT, SERVICE_PORT, VERBS, Verb
 from qmn.requests.superdense import SuperdenseRequest
 from wire.parameters.option import WRITTEN, Declaration
+from wire.registered import JOB, JOBS, Registry
 
 HOST: Declaration = {
     "flag": "--to",
@@ -43,8 +42,9 @@ def add_parser(verbs: Any) -> None:
     _add_superdense(jobs)
     for name, verb in VERBS.items():
         _add_service(jobs, name, verb)
-    for name, entry in registered(JOBS).items():
-        _add_registered(jobs, name, entry)
+    for name, job in Registry[Any](JOBS, lambda each: hasattr(each, "describe"), {}).items():
+        parser = jobs.add_parser(name, help=job.HELP, description=job.HELP)
+        parser.put_off(partial(job.describe, parser))
 
 
 def _add_superdense(jobs: Any) -> None:
@@ -114,9 +114,3 @@ def service_request(arguments: argparse.Namespace) -> ServiceRequest:
     ends = ends_of_line(arguments.service, getattr(arguments, "line", ""))
     parts = {"options": NAMES[arguments.service].options}
     return read(ServiceRequest, arguments, parts, port=SERVICE_PORT, **ends)
-
-
-def _add_registered(jobs: Any, name: str, entry: EntryPoint) -> None:
-    job = entry.load()
-    parser = jobs.add_parser(name, help=job.HELP, description=job.HELP)
-    parser.put_off(partial(job.describe, parser))

@@ -1,5 +1,9 @@
-"""A wheel, installed where no checkout is: one name for others, and `qmn run sdc` works."""
+"""A wheel, installed where no checkout is: one name for others, and `qmn run sdc` works.
 
+Beside it the wheel of examples/plugin, which extends it.
+"""
+
+import json
 import os
 import subprocess
 import sys
@@ -21,10 +25,13 @@ print(QuantumTopo.__module__, qmn.scripting.__file__)
 """
 
 
-def built(folder: Path) -> Path:
+PLUGIN = ROOT / "examples" / "plugin"
+
+
+def built(folder: Path, source: Path = ROOT) -> Path:
     words = ["-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
     environment = {**os.environ, "SOURCE_DATE_EPOCH": "1700000000"}
-    subprocess.run([sys.executable, *words], cwd=ROOT, env=environment, check=True)
+    subprocess.run([sys.executable, *words], cwd=source, env=environment, check=True)
     (wheel,) = folder.iterdir()
     return wheel
 
@@ -48,19 +55,39 @@ def test_a_wheel_has_one_name_and_all_of_the_tree(wheel: Path) -> None:
     assert left_out - set(names) == set()
 
 
-def test_an_installed_wheel_runs_a_network(wheel: Path, tmp_path: Path) -> None:
-    place = tmp_path / "environment"
+def installed(place: Path, *wheels: Path) -> Path:
+    """Return a new environment with these wheels; what they depend on is this checkout's."""
     EnvBuilder(with_pip=True).create(place)
-    # What the wheel depends on is this checkout's.
     (others,) = place.glob("lib/python3*/site-packages")
     (others / "others.pth").write_text(f"{PACKAGES}\n")
-    python = place / "bin" / "python"
-    pip = [str(python), "-m", "pip", "install", "--quiet", "--no-deps", "--no-index", str(wheel)]
-    subprocess.run(pip, check=True)
+    python, pip = place / "bin" / "python", ["-m", "pip", "install", "--quiet"]
+    subprocess.run([python, *pip, "--no-deps", "--no-index", *wheels], check=True)
+    return others
+
+
+def output(folder: Path, *command: Path | str) -> str:
     environment = {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ}
-    elsewhere = {"cwd": tmp_path, "env": environment, "text": True}
-    output = subprocess.check_output([python, "-c", SCRIPT], **elsewhere)  # type: ignore[call-overload]
-    assert output == f"topologies.quantum_topo {others}/qmn/tree/qmn/scripting/__init__.py\n"
-    command = [place / "bin" / "qmn", "run", "sdc", "--message", "installed"]
-    output = subprocess.check_output(command, **elsewhere)  # type: ignore[call-overload]
-    assert "9 bytes, delivered exactly" in output
+    return subprocess.check_output(command, cwd=folder, env=environment, text=True)
+
+
+def test_an_installed_wheel_runs_a_network(wheel: Path, tmp_path: Path) -> None:
+    place = tmp_path / "environment"
+    others = installed(place, wheel)
+    told = output(tmp_path, place / "bin" / "python", "-c", SCRIPT)
+    assert told == f"topologies.quantum_topo {others}/qmn/tree/qmn/scripting/__init__.py\n"
+    told = output(tmp_path, place / "bin" / "qmn", "run", "sdc", "--message", "installed")
+    assert "9 bytes, delivered exactly" in told
+
+
+def test_a_package_of_a_third_party_extends_it(wheel: Path, tmp_path: Path) -> None:
+    place = tmp_path / "environment"
+    installed(place, wheel, built(tmp_path / "dist", PLUGIN))
+    qmn = place / "bin" / "qmn"
+    output(tmp_path, qmn, "run", "coin", "--topology", "corridor,switches=3", "--policy", "lifo")
+    run = tmp_path / "runs" / "latest"
+    job = json.loads((run / "result.json").read_text())["job"]
+    assert job["asking"]["agreed"] == job["asking"]["coins"] > 0
+    assert job["asked"] == job["asking"]
+    assert "counting: " in (run / "alice.log").read_text()  # by the hardware of the package
+    assert "coin.agreed" in (run / "qmn.lua").read_text()
+    assert "within 5 standard errors" in output(tmp_path, qmn, "lab", "published", "coins")

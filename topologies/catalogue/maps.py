@@ -18,13 +18,15 @@ from topologies.catalogue.map_parts import Map as Map
 from topologies.catalogue.map_parts import Place as Place
 from topologies.catalogue.map_parts import Position as Position
 from topologies.catalogue.map_parts import from_parts
+from wire.registered import Registry
 
+PACKAGES = Registry[Path]("qmn.maps", lambda each: isinstance(each, Path), {})
 GROUPS = ("sndlib", "topozoo", "backbone", "caida")  # in this order, for a name without its group
 
 
 def read_map(name: str) -> Map:
     """Return the map of a name, as abilene or sndlib/abilene, or of a file; raise BadMap."""
-    path = Path(name)
+    path = PACKAGES.get(name, Path(name))
     if path.suffix in (".graphml", ".json"):
         return _checked(read_file(path))
     return _checked(_known(name))

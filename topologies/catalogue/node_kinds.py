@@ -23,6 +23,7 @@ from wire.parameters.physics import (
     Memory,
     PairSource,
 )
+from wire.registered import Registry
 
 # Ions in a trap that emit photons, keep qubits, and do gates on them. No source: what an ion emits
 # is a pair with another ion only if a station heralds it, the slower the longer the fibres. Memory:
@@ -115,7 +116,7 @@ class NodeKind:
     of: Callable[[Device], Device]
 
 
-NODE_KINDS = {
+OWN = {
     "photonic": NodeKind(
         "light alone: modulators do Pauli operators, and photons do not meet in gates",
         lambda base: replace(base, gates=replace(base.gates, kind="paulis")),
@@ -136,6 +137,7 @@ NODE_KINDS = {
         lambda _base: STATION,
     ),
 }
+NODE_KINDS = Registry("qmn.devices", lambda each: isinstance(each, NodeKind), OWN)
 
 
 def node_device(kind: str, base: Device) -> Device:

@@ -12,6 +12,7 @@ from topologies.system.machines.laying import lay
 from topologies.system.runs import runtime
 from wire.parameters.fiber import Fiber, FiberEnd, FiberOptics, optics
 from wire.parameters.physics import BadParameter
+from wire.registered import NOISE, registered
 
 OPTICS = frozenset(each.name for each in fields(FiberOptics))
 # The ports of channel 1 are numbered as Mininet does, those of each further channel so much higher.
@@ -117,13 +118,16 @@ def _end(interface: object) -> FiberEnd:
 
 def resolved(described: FiberOptics) -> FiberOptics:
     """Return the same with the whole path of the noise model's file, which must be there."""
-    return replace(described, noise=python_file("noise", described.noise))
+    return replace(described, noise=python_file("noise", described.noise, NOISE))
 
 
-def python_file(what: str, reference: str) -> str:
-    """Return "file.py:ClassName" with the whole path of the file, which must be there; "" is ""."""
-    if not reference:
-        return ""
+def python_file(what: str, reference: str, group: str) -> str:
+    """Return "file.py:ClassName" with the whole path of the file, which must be there.
+
+    A name that a package registers in the group, or "", is that.
+    """
+    if not reference or reference in registered(group):
+        return reference
     file, _, name = reference.rpartition(":")
     path = Path(file).resolve()
     if not path.is_file():

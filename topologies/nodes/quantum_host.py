@@ -34,6 +34,7 @@ from wire.parameters.physics import (
     Memory,
     PairSource,
 )
+from wire.registered import HARDWARE
 
 MOST_PAIR_RATE_HZ = 50_000_000
 PARTS = ("source", "memory", "detectors", "analyser", "gates")
@@ -85,7 +86,7 @@ class QuantumHost(ClassicalHost):
         check_choice(f"{name}: light", light, LIGHT, BadParameter)
         parts = {"memory": memory, "detectors": detectors, "analyser": analyser, "gates": gates}
         described = device_of(name, {"source": source, "device": device, **parts})
-        self.qnic = python_file(f"{name}: qnic", qnic)
+        self.qnic = python_file(f"{name}: qnic", qnic, HARDWARE)
         self.qnic_parameters = dict(qnic_parameters or {})
         refuse_unknown(name, params, type(self))  # before a network begins
         runtime.current().devices[name] = described  # the shell knows the socket by it

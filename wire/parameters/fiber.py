@@ -9,6 +9,7 @@ from typing import Any, Self
 from wire.optical import CHANNEL_MHZ, DEFAULT_FREQUENCY_MHZ
 from wire.parameters.checks import check_names
 from wire.parameters.physics import SUM_TOLERANCE, BadParameter, check, choice, parameter
+from wire.registered import NOISE, registered
 
 SPEED_IN_FIBER_M_PER_S = 2.04e8  # group index 1.468
 MOST_CHANNELS = 64
@@ -134,7 +135,8 @@ class FiberOptics:
                 f'{where}: noise {self.noise!r} is not "file.py:ClassName" with a dictionary of '
                 f"noise_parameters {self.noise_parameters!r}"
             )
-        if self.noise and not all(part for part in self.noise.rpartition(":")):
+        named = self.noise in registered(NOISE) or all(self.noise.rpartition(":"))
+        if self.noise and not named:
             raise BadParameter(f'{where}: noise {self.noise!r} is not "file.py:ClassName"')
 
     def _check_channels(self, where: str) -> None:

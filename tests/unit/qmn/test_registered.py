@@ -77,5 +77,5 @@ def test_a_broken_service_is_left_out_with_its_verb(tmp_path: Path) -> None:
     module.write_text(module.read_text() + verb)
     done = qmn(tmp_path, "run", "--help")
     assert (done.returncode, " hum " in done.stdout) == (0, False)
-    assert "service hum (greeting:HUM) is left out: " in done.stderr
+    assert "qmn.services: hum (greeting:HUM) is left out: " in done.stderr
     assert "teleport states" in done.stdout

@@ -9,13 +9,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from importlib.metadata import entry_points
 from threading import Lock, RLock
 from typing import Any
 
 from topologies.system.processes import fork_server
 from topologies.system.processes.programs import ENVIRONMENT, ROOT, NetworkError, Program, python
 from topologies.timeouts import END_TIMEOUT_S, FORK_TIMEOUT_S, FORK_WAITS, POLL_S
+from wire.registered import registered
 
 MODULES = (
     "dispatcher",
@@ -24,7 +24,7 @@ MODULES = (
     "hosts.applications.service",
     "qswitch_agent",
     # Programs of packages that register them, so that all share one import.
-    *sorted(entry.value for entry in entry_points(group="qmn.forked")),
+    *sorted(entry.value for entry in registered("qmn.forked").values()),
 )
 SERVER = "topologies.system.processes.fork_server"
 PADDING = " " * 400  # where the commands of its children will be for `ps` to see
