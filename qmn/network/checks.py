@@ -8,7 +8,9 @@ from pathlib import Path
 from controller_apps.policy.reading import BadPolicy, read_policy
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges
+from qmn.project import remedy as remedy_of
 from wire.parameters.checks import NEAR, remedy
+from wire.parameters.network import FRAMEWORKS
 
 FROM_TO, LINE = "--from and --to", "--line"  # by which a user says who takes part
 
@@ -25,6 +27,7 @@ def check_network(options: NetworkOptions) -> None:
             f"--sabot {options.sabot}: no server listens there; start one with "
             f"python -m dispatcher.sabot --socket {options.sabot}"
         )
+    check_framework(options.controller)
     if options.rest and options.controller != "ryu":
         raise BadInput(f"--rest needs --controller ryu: {options.controller} has no HTTP server")
     if options.rest:
@@ -34,6 +37,15 @@ def check_network(options: NetworkOptions) -> None:
     if options.keys and Path(options.keys).exists():
         raise BadInput(f"--keys {options.keys} exists: name a new folder for each network")
     check_ranges(options)
+
+
+def check_framework(name: str) -> None:
+    """Raise BadInput if the framework of the controller is not installed."""
+    package = name.replace("-", "_")
+    if find_spec(package) is None:
+        why = remedy_of(ModuleNotFoundError(name=package)) or f"{package} is not installed"
+        others = " or ".join(each for each in FRAMEWORKS if each != name)
+        raise BadInput(f"--controller {name}: {why} (docs/packages.md), or choose {others}")
 
 
 def check_address(text: str) -> None:

@@ -1,0 +1,53 @@
+"""The public API: its modules are whole, and the declarations of services load little."""
+
+import ast
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import qmn.services
+
+ROOT = Path(__file__).resolve().parents[3]
+PUBLIC = ("qmn.physics", "qmn.scripting", "qmn.services", "qmn.topology")
+DECLARATION = """
+import sys
+from qmn.services import ABSORB, OPENER, PAIRS, Figures, RegisteredService
+print(sorted({name.partition(".")[0] for name in sys.modules} & {"grpc", "hosts", "numpy"}))
+"""
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_each_public_name_is_there(name: str) -> None:
+    module = importlib.import_module(name)
+    names = getattr(module, "__all__", dir(module))
+    assert len(names) >= 5
+    for each in names:
+        assert getattr(module, each) is not None
+
+
+def test_services_loads_what_type_checkers_see() -> None:
+    tree = ast.parse(Path(qmn.services.__file__).read_text())
+    (block,) = [node for node in tree.body if isinstance(node, ast.If)]
+    seen = {
+        alias.name: node.module
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert seen == qmn.services._PLACES
+    with pytest.raises(AttributeError, match=r"qmn\.services has no Servant"):
+        _ = qmn.services.Servant
+
+
+def test_a_declaration_of_a_service_loads_neither_grpc_nor_hosts() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", DECLARATION], cwd=ROOT, capture_output=True, text=True
+    )
+    assert done.stdout == "[]\n", done.stderr
+
+
+def test_the_package_says_that_it_has_types() -> None:
+    assert (ROOT / "qmn" / "py.typed").exists()
