@@ -5,6 +5,7 @@ A frame is Ethernet with the type of local experiments, as IP would need an addr
     address of receiver (6), of the inner port (6), type (2)
     "QMNA", end (1), 0 (1), outcomes in this frame (2)
     inner port (4), number (4), pulses of the block (4), the first of them in this frame (4)
+    how long halves waited in memories until they were measured, in us, on average (4)
     two outcomes a byte, the first in its high bits: a Bell state, or 15 without a coincidence
 
 All numbers are in network byte order. The frames of one block have the same number, by which the
@@ -27,10 +28,12 @@ ETHER_TYPE = b"\x88\xb5"  # IEEE 802, local experimental EtherType 1
 HERALDS = b"\x88\xb6"  # local experimental EtherType 2: of what a memory holds now
 BROADCAST = b"\xff" * 6
 MAGIC, EMIT = b"QMNA", b"QMNE"
-HEAD = struct.Struct("!4sBxHIIII")
+HEAD = struct.Struct("!4sBxHIIIII")
 ETHERNET_BYTES, LEAST_PAYLOAD, MOST_PAYLOAD = 14, 46, 1500
 MOST_OUTCOMES = 2 * (MOST_PAYLOAD - HEAD.size)
 MOST_PULSES = 1 << 24
+LONGEST_US = (1 << 32) - 1
+PLACES = b"\x02\0\0\0\0"  # of a chain: what the address of an analyser's frame begins with
 # Four bits of each outcome are a hexadecimal digit.
 DIGITS = bytes.maketrans(bytes([0, 1, 2, 3, NO_COINCIDENCE]), b"0123f")
 OUTCOMES = bytes.maketrans(b"0123f", bytes([0, 1, 2, 3, NO_COINCIDENCE]))
@@ -72,6 +75,11 @@ def group_of(session: int, to: Receivers = Receivers.BOTH) -> bytes:
     return bytes([3 | to << 2]) + (session & (1 << 40) - 1).to_bytes(5)
 
 
+def address_of_place(place: int) -> bytes:
+    """Return the address of the frames of a chain's analyser, by its place from the opener on."""
+    return PLACES + bytes([place])
+
+
 def port_description(port: InnerPort, memory: Memory) -> bytes:
     """Return the experimenter's property of an inner port, with what a memory is like."""
     parameters = b""
@@ -98,12 +106,13 @@ class AnalyserFrame:
     pulses: int
     first: int = 0
     outcomes: bytes = b""  # one byte for each pulse: a Bell state, NO_COINCIDENCE without one
+    waited_us: int = 0  # by each half until it was measured, on average
 
     def encode(self, receiver: bytes, sender: bytes) -> bytes:
         """Return the frame, padded as Ethernet wants it."""
         count = len(self.outcomes)
         packed = bytes.fromhex((self.outcomes.translate(DIGITS) + b"0" * (count % 2)).decode())
-        fixed = self.end, count, self.port, self.number, self.pulses, self.first
+        fixed = self.end, count, self.port, self.number, self.pulses, self.first, self.waited_us
         payload = HEAD.pack(MAGIC, *fixed) + packed
         kind = HERALDS if self.end == End.STORED else ETHER_TYPE
         return receiver + sender + kind + payload.ljust(LEAST_PAYLOAD, b"\0")
@@ -115,7 +124,7 @@ class AnalyserFrame:
         kind = frame[12:ETHERNET_BYTES]
         if kind not in (ETHER_TYPE, HERALDS) or len(payload) < LEAST_PAYLOAD:
             raise MalformedPacket(f"no frame of an analyser in {len(frame)} bytes")
-        magic, end, count, port, number, pulses, first = HEAD.unpack_from(payload)
+        magic, end, count, port, number, pulses, first, waited_us = HEAD.unpack_from(payload)
         size = HEAD.size + (count + 1) // 2
         wrong = end > max(End) or (end == End.STORED) != (kind == HERALDS)
         if magic != MAGIC or wrong or payload[5] or count > MOST_OUTCOMES:
@@ -127,9 +136,8 @@ class AnalyserFrame:
             raise MalformedPacket(f"{count} outcomes of light that has ended as {End(end).name}")
         if len(payload) != max(size, LEAST_PAYLOAD) or any(payload[size:]):
             raise MalformedPacket(f"{len(payload)} bytes for {count} outcomes")
-        return cls(
-            port, number, End(end), pulses, first, _outcomes(payload[HEAD.size : size], count)
-        )
+        outcomes = _outcomes(payload[HEAD.size : size], count)
+        return cls(port, number, End(end), pulses, first, outcomes, waited_us)
 
 
 def _outcomes(packed: bytes, count: int) -> bytes:
@@ -143,7 +151,8 @@ def frames_of(report: AnalyserFrame) -> Iterator[AnalyserFrame]:
     """Yield the frames of a whole block."""
     head = report.port, report.number, report.end, report.pulses
     for first in range(0, max(len(report.outcomes), 1), MOST_OUTCOMES):
-        yield AnalyserFrame(*head, first, report.outcomes[first : first + MOST_OUTCOMES])
+        outcomes = report.outcomes[first : first + MOST_OUTCOMES]
+        yield AnalyserFrame(*head, first, outcomes, report.waited_us)
 
 
 @dataclass(frozen=True)

@@ -5,14 +5,15 @@ learns and forwards, table 3 copies set-up messages for quantum switches.
 Quantum switches: table 0 holds light paths and nothing else, but for LLDP.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Set
+from collections.abc import Collection, Iterable, Set
 from typing import Any
 
 from controller_apps.light.paths import Hop
 from controller_apps.openflow.framework import Datapath, ofproto, parser
 from controller_apps.openflow.optical_messages import is_fiber, is_inner
 from controller_apps.packets import ACK, FIN, IP_TCP, IP_UDP, PSH, RST, SYN, FiveTuple, is_udp
-from wire.analyser_frames import ETHER_TYPE, HERALDS, Receivers, group_of
+from controller_apps.sessions.actions import OpenPaths
+from wire.analyser_frames import ETHER_TYPE, HERALDS, Receivers, address_of_place, group_of
 from wire.device import DEVICE_PORT
 from wire.metadata.header import METADATA_PORT, QUANTUM_SWITCHES
 from wire.parameters.switch import INNER_PORTS, Kind, inner_port
@@ -202,20 +203,13 @@ def classical_entries(datapath: Datapath) -> list[Any]:
     return [*learned, *passed]
 
 
-def inner_frames(
-    datapath: Datapath,
-    hops: Iterable[Hop],
-    session: int,
-    reports: bool,
-    heard: Mapping[int, Receivers],
-) -> list[Any]:
-    """Return what sends frames of inner ports to a session's hosts, and memories' heralds up.
-
-    Reports: the controller hears of outcomes, too; heard: which hosts hear a memory's heralds.
-    """
+def inner_frames(datapath: Datapath, opened: OpenPaths) -> list[Any]:
+    """Return what sends frames of inner ports to a session's hosts, and memories' heralds up."""
+    session, heard = opened.session, opened.heard
+    outcomes = _to_hosts(session, Receivers.BOTH, opened.reports, opened.place)
     entries = []
-    for port in sorted({hop.out_port for hop in hops if hop.out_port in INNER_PORTS}):
-        kinds = {ETH_TYPE_OUTCOMES: _to_hosts(session, Receivers.BOTH, reports)}
+    for port in sorted({hop.out_port for hop in opened.hops if hop.out_port in INNER_PORTS}):
+        kinds = {ETH_TYPE_OUTCOMES: outcomes}
         if inner_port(port).kind == Kind.MEMORY:
             kinds[ETH_TYPE_HERALDS] = (
                 _to_hosts(session, heard[port]) if port in heard else to_controller()
@@ -234,11 +228,14 @@ def inner_frames(
     return entries
 
 
-def _to_hosts(session: int, to: Receivers, reports: bool = True) -> Any:
+def _to_hosts(session: int, to: Receivers, reports: bool = True, place: int = 0) -> Any:
     """Return the instruction that sends a frame to hosts of a session, and reports also up."""
-    address = group_of(session, to).hex(":")
+    fields = {"eth_dst": group_of(session, to)}
+    if place:
+        fields["eth_src"] = address_of_place(place)
     ports = [ofproto.OFPP_FLOOD, *[ofproto.OFPP_CONTROLLER] * reports]
-    return _apply([parser.OFPActionSetField(eth_dst=address), *_outputs(ports)])
+    named = [parser.OFPActionSetField(**{name: each.hex(":")}) for name, each in fields.items()]
+    return _apply([*named, *_outputs(ports)])
 
 
 def copy_entries(datapath: Datapath, trunks: Collection[int]) -> list[Any]:

@@ -263,9 +263,7 @@ class Switches:
     def _path_messages(self, datapath: Datapath, action: OpenPaths) -> list[bytes]:
         ports = [port for port in action.tuned if port in datapath.ports]
         tuning = [optical_messages.tune(datapath, port, action.frequency_mhz) for port in ports]
-        frames = flow_entries.inner_frames(
-            datapath, action.hops, action.session, action.reports, action.heard
-        )
+        frames = flow_entries.inner_frames(datapath, action)
         messages = path_bundle(action, [*tuning, *frames], self._xids)
         for message in messages:
             self._transactions[action.dpid, xid_of(message)] = action.transaction

@@ -42,6 +42,7 @@ class OpenPaths:
     frequency_mhz: int = 0  # to which they are tuned
     reports: bool = False  # the controller hears of outcomes, too
     heard: Mapping[int, Receivers] = field(default_factory=dict)  # of heralds, by memory
+    place: int = 0  # of its analyser in a chain, of which outcomes tell
 
 
 @dataclass(frozen=True)

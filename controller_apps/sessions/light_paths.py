@@ -74,6 +74,7 @@ class Light:
                 session.number,
                 next(self._transactions),
                 reports=True,
+                place=each.place,
             )
             for each in due
             if each.is_first

@@ -29,6 +29,7 @@ Swap = tuple[Hop, ...]  # of one switch: its memories to the inputs of its analy
 class Release(NamedTuple):
     """A swap that is due: of each of its memories, the pulses that both ends of a link hold."""
 
+    place: int
     swap: Swap
     is_first: bool  # of the session there: its entries are to come
     pulses: tuple[tuple[SwitchPort, AnalyserFrame], ...]
@@ -94,7 +95,7 @@ class SwapTurns:
             held = [np.frombuffer(herald.outcomes, np.uint8) for herald in heralds]
             both = np.bitwise_or.reduce(held).tobytes()  # 0: it is held
             pulses.append((at, replace(heralds[0], outcomes=both)))
-        return Release(swap, block == 0, tuple(pulses))
+        return Release(place, swap, block == 0, tuple(pulses))
 
     def _link(self, at: SwitchPort) -> list[SwitchPort]:
         """Return a memory, and that at the other end of its link; a host has none."""

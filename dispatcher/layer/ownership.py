@@ -166,6 +166,7 @@ class Block:
     lineage: str = ""
     maker: str = ""  # the node that has made it; the first at which it is, by default
     heard_ns: int = 0  # when its node can hear of it, if it was heralded elsewhere
+    waited_ns: int = 0  # in the memory of a switch that has sent it last; on average
 
     @property
     def size(self) -> int:

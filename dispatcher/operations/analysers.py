@@ -171,16 +171,21 @@ class Analysers:
             layer.record(node, "refuse", first, first.port, str(refusal))
             self._discard(BellOutcomes.UNFIT, first, second)
             return
+        waited_ns = (first.waited_ns + second.waited_ns) // 2
         outcomes = np.frombuffer(feedback.outcomes, np.uint8).copy()
         if layer.devices.of(node).analyser.kind in ("linear", BEAM_SPLITTER):
             outcomes[np.isin(outcomes, INDISTINGUISHABLE)] = NO_CLICK
-        self._begin(self._measured(node, feedback, outcomes.tobytes()))
+        report = BellOutcomes(
+            end=BellOutcomes.MEASURED,
+            photons=len(outcomes),
+            outcomes=outcomes.tobytes(),
+            waited_ns=waited_ns,
+        )
+        self._begin(self._measured(node, feedback, report))
 
-    async def _measured(self, node: str, feedback: Feedback, outcomes: bytes) -> None:
+    async def _measured(self, node: str, feedback: Feedback, report: BellOutcomes) -> None:
         """Report a measurement when it is over."""
         await over(self._layer, node, feedback)
-        photons = len(outcomes)
-        report = BellOutcomes(end=BellOutcomes.MEASURED, photons=photons, outcomes=outcomes)
         self._reports.add(node, report)
 
 

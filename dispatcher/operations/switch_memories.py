@@ -20,7 +20,7 @@ from functools import partial
 
 import numpy as np
 
-from dispatcher.layer import extra_pairs
+from dispatcher.layer import cutoff, extra_pairs
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations.analysers import Analysers, Reports
@@ -220,6 +220,9 @@ class SwitchMemories:
         if most is not None and most < block.register.size:
             block = self._gathering.fill_gaps(block, most)
         photons, port = block.register.remaining, block.port
+        steps_ns = np.arange(block.register.size) * block.interval_ns
+        waits_ns = self._layer.clock.now_ns() + steps_ns - cutoff.came_ns(block)
+        block.waited_ns = round(waits_ns[block.register.present].mean()) if photons else 0
         try:
             self._transport.release(block, port, partial(self._sent, node))
         except TooLarge as error:

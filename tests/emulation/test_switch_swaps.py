@@ -307,6 +307,7 @@ def test_a_chain_of_switches_has_pairs_as_the_closed_form_says(
     below = {1: 0.564, 3: 1.029}.get(switches, 0) * error
     assert abs(share - passed + below) <= 5 * error / sqrt(blocks)
     require_waits_of_bob(folder / "quantum.log", result["job"]["asked"]["waited_ms"])
+    require_waits_of_switches(folder / "quantum.log", result["job"]["asked"])
     assert 0 < figures["sampled_waited_ms"] < 1e3 * figures["elapsed_s"]
     assert "identical" in run_qmn("replay", str(folder)).stdout
 
@@ -389,6 +390,20 @@ def require_waits_of_bob(log: Path, waited_ms: float) -> None:
     photons, least_s, most_s = np.array(re.findall(line, log.read_text()), float).T
     mean_s = np.average((least_s + most_s) / 2, weights=photons)
     assert abs(waited_ms - 1e3 * mean_s) < 0.01 * waited_ms
+
+
+def require_waits_of_switches(log: Path, asked: dict[str, Any]) -> None:
+    """Fail unless halves waited in each switch as the event log says, from the opener's on."""
+    line = r"q(\d+)-memory\d .*recall.*photons=(\d+) .*after (\S+?)(?: to (\S+))? s"
+    found = re.findall(line, log.read_text())
+    told_ms = asked["repeaters_waited_ms"]
+    assert {int(place) for place, *_rest in found} == set(range(1, len(told_ms) + 1))
+    for number, waited_ms in enumerate(told_ms, 1):
+        here = [each[1:] for each in found if int(each[0]) == number]
+        least_s, most_s = np.array([(least, most or least) for _, least, most in here], float).T
+        weights = np.array([photons for photons, *_rest in here], float)
+        mean_s = np.average((least_s + most_s) / 2, weights=weights)
+        assert abs(waited_ms - 1e3 * mean_s) < 0.02 * waited_ms
 
 
 def test_a_failed_analyser_and_a_killed_controller_end_sessions_by_name(tmp_path: Path) -> None:

@@ -134,7 +134,7 @@ def _event() -> dict[str, Any]:
 
 
 def _inner_ports() -> dict[str, Any]:
-    names = ["magic", "end", "count", "port", "number", "pulses", "first"]
+    names = ["magic", "end", "count", "port", "number", "pulses", "first", "waited_us"]
     orders = ["magic", *(item.name for item in fields(Emission))]
     kinds = (
         (MAGIC, HEAD, placed(HEAD, names, {"end": End})),

@@ -12,7 +12,7 @@ switches all report, and the outcomes multiply. If the controller programs it, s
 under way. The pairs are then used as in entanglement distribution.
 """
 
-from collections import deque
+from collections import defaultdict, deque
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -22,7 +22,7 @@ import numpy as np
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.middleware.services.distribution.distribute import make_pairs, share_pairs
-from hosts.middleware.services.distribution.pairs import Mask, Pairs
+from hosts.middleware.services.distribution.pairs import Mask, Moments, Pairs
 from hosts.middleware.services.distribution.purification import DistributeOptions
 from hosts.middleware.session.analyser_socket import AnalyserSocket, Swapped, analyser_socket
 from hosts.middleware.session.blocks import store, take
@@ -75,6 +75,7 @@ class Blocks:
         self._side, self._frames, self._half = side, frames, half
         self._dark: deque[int] = deque()  # blocks whose light is to be made, in order
         self.under_way: set[int] = set()
+        self._waited: defaultdict[int, Moments] = defaultdict(Moments)  # in switches, by place
 
     def make(self, pairs: Pairs, number: int, size: int) -> Steps[None]:
         """Have a block swapped as the opener, and keep what both ends have."""
@@ -108,12 +109,20 @@ class Blocks:
         if kept.size:
             operators = np.where(kept, swapped.outcomes, 0).astype(np.uint8)
             corrected_ns = yield from do(Qnic.apply, name, operators)
-            pairs.corrected(int(np.count_nonzero(kept)), corrected_ns - since_ns)
+            self._note_waits(pairs, swapped, int(np.count_nonzero(kept)), corrected_ns - since_ns)
             kept &= yield from store(name)
         yield from pairs.share(number, kept, arrived.astype(bool), size, since_ns)
         self.under_way.remove(number)  # others read its messages from now on
         yield side.say(Topic.ARRIVED, number, kept, 1)
         yield Tell(pairs.summary((yield Now())))
+
+    def _note_waits(self, pairs: Pairs, swapped: Swapped, count: int, waited_ns: int) -> None:
+        """Note how long halves of pairs waited here for outcomes, and in switches to be swapped."""
+        pairs.corrected(count, waited_ns)
+        for place, waited_us in swapped.waited_us.items():
+            self._waited[place].add(count, waited_us / 1e6)
+        waits = [waited.mean_s * 1e3 for _place, waited in sorted(self._waited.items())]
+        pairs.facts.repeaters_waited_ms = waits or None
 
     def _swapped(self, number: int, size: int) -> Steps[tuple[Swapped, Mask, int]]:
         """Send halves of pairs to the switch; return the swaps, and which of them made pairs.

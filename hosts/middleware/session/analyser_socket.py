@@ -19,6 +19,7 @@ from wire.analyser_frames import (
     ETHERNET_BYTES,
     HERALDS,
     MOST_PAYLOAD,
+    PLACES,
     AnalyserFrame,
     End,
     Receivers,
@@ -29,6 +30,7 @@ from wire.metadata.vocabulary import Reason
 from wire.outcomes import NO_COINCIDENCE
 
 LONGEST = ETHERNET_BYTES + MOST_PAYLOAD
+PLACE = len(PLACES)
 ENDS = {
     End.NO_PARTNER: "the other end's light did not come in time",
     End.CLOSED: "its flow entry ended while it waited there",
@@ -45,6 +47,7 @@ class Swapped:
     outcomes: NDArray[np.uint8]  # of k pulses the product of all, NO_COINCIDENCE if one has none
     positions: NDArray[np.intp]  # of these in this end's block, shape (k,)
     blocks: list[int]  # which analysers, and their numbers of the block, alike at both ends
+    waited_us: dict[int, int]  # in the memories of each switch of a chain, by its place
 
 
 class AnalyserSocket:
@@ -175,7 +178,13 @@ def _together(found: dict[bytes, AnalyserFrame], positions: NDArray[np.intp]) ->
     product = np.bitwise_xor.reduce(each)
     product[(each == NO_COINCIDENCE).any(axis=0)] = NO_COINCIDENCE
     numbers = sorted((crc32(analyser), frame.number) for analyser, frame in found.items())
-    return Swapped(product, positions[:most], [word for pair in numbers for word in pair])
+    waited_us = {
+        analyser[PLACE]: frame.waited_us
+        for analyser, frame in found.items()
+        if analyser.startswith(PLACES)
+    }
+    blocks = [word for pair in numbers for word in pair]
+    return Swapped(product, positions[:most], blocks, waited_us)
 
 
 @contextmanager

@@ -20,7 +20,7 @@ from wire.parameters.physics import Memory
 from wire.parameters.switch import InnerPort, Kind
 
 SENDER = bytes.fromhex("020000000001")
-FRAME = AnalyserFrame(60_001, 7, End.MEASURED, 5, 0, bytes([0, 1, 2, 3, 255]))
+FRAME = AnalyserFrame(60_001, 7, End.MEASURED, 5, 0, bytes([0, 1, 2, 3, 255]), 0x01020304)
 BYTES = FRAME.encode(BROADCAST, SENDER)
 ALONE = AnalyserFrame(60_003, 1, End.NO_PARTNER, 9)
 STORED = AnalyserFrame(61_002, 3, End.STORED, 3, 0, bytes([0, 255, 0]))
@@ -36,8 +36,8 @@ def test_a_frame_is_read_as_it_was_written(frame: AnalyserFrame) -> None:
 def test_its_bytes_are_as_documented() -> None:
     payload = BYTES[14:]
     assert BYTES[:14].hex() == "ffffffffffff02000000000188b5"
-    assert payload[:24].hex() == "514d4e41000000050000ea61000000070000000500000000"
-    assert payload[24:27].hex() == "0123f0"
+    assert payload[:28].hex() == "514d4e41000000050000ea6100000007000000050000000001020304"
+    assert payload[28:31].hex() == "0123f0"
 
 
 def test_a_long_block_is_told_in_frames_that_ethernet_carries() -> None:
@@ -63,8 +63,8 @@ def test_a_long_block_is_told_in_frames_that_ethernet_carries() -> None:
         (20, 0xFF),  # more than any frame has
         (33, 4),  # fewer pulses than outcomes
         (37, 1),  # beyond the last pulse
-        (38, 0x41),  # no Bell state
-        (40, 0xF1),  # more than the last outcome
+        (42, 0x41),  # no Bell state
+        (44, 0xF1),  # more than the last outcome
         (50, 1),  # in the padding
     ],
 )
@@ -76,7 +76,7 @@ def test_hostile_bytes_are_refused(place: int, value: int) -> None:
 
 def test_ports_numbers_and_sizes_of_nothing_are_refused() -> None:
     for change in ((0, 7, 5), (60_001, 0, 5), (60_001, 7, 0), (60_001, 7, 1 << 25)):
-        fixed = b"QMNA", End.CLOSED, 0, *change, 0
+        fixed = b"QMNA", End.CLOSED, 0, *change, 0, 0
         payload = HEAD.pack(*fixed).ljust(LEAST_PAYLOAD, b"\0")
         with pytest.raises(MalformedPacket):
             AnalyserFrame.decode(BYTES[:14] + payload)
