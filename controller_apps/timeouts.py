@@ -12,6 +12,7 @@ STATION_TIMEOUT_S = 60  # that a switch knows a station by which nothing comes
 
 # Sessions
 SESSION_TICK_S = 0.2  # between two looks at what has waited too long
+WATCH_TICK_S = 0.05  # between two looks at idle light: the first before a job begins
 QUEUE_LOOK_S = 1.0  # between two looks at all that wait, whether light has become free or not
 NODE_TIMEOUT_S = 3.0  # for all answers; orders are sent again meanwhile
 SEAL_BEGIN_S = 10.0  # from the order of a seal until its session stands, or is given up

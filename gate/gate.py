@@ -32,6 +32,7 @@ from wire.network_time import (
     PROGRAMS,
     TAKEN,
     WAIT,
+    WATCH,
     WITH_WALL,
 )
 
@@ -163,7 +164,11 @@ class Gate:
 
     @property
     def _next_ns(self) -> int:
-        return min((client.deadline_ns for client in self._clients.values()), default=NEVER)
+        clients = self._clients.values()
+        awaited = (client.deadline_ns for client in clients if client.turn != WATCH)
+        if (awaited_ns := min(awaited, default=NEVER)) == NEVER:
+            return NEVER
+        return min(awaited_ns, *(each.deadline_ns for each in clients))
 
     @property
     def _is_next(self) -> bool:

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -101,3 +102,10 @@ def stepping(watched: bool = False, held_s: float = HELD_S) -> Iterator[Stepping
             yield gate
         finally:
             gate.kill()
+
+
+def stands(time_: SteppedTime) -> bool:
+    """Return whether the clock stands for a while of the wall."""
+    before_ns = time_.now_ns()
+    time.sleep(0.05)
+    return time_.now_ns() == before_ns

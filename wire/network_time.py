@@ -32,7 +32,8 @@ NEVER = (1 << 63) - 1  # the deadline of a program that waits for no instant
 SETTLING = -1  # in place of the instant at which stepping began
 WITH_WALL = -1  # in place of a deadline: the clock is to go with the wall
 # Whose turn it is first if several wait for one instant; those behind wait until all is quiet.
-CABLES, PROGRAMS, DISPATCHER, CONTROLLER, TICKS = range(5)
+# The clock does not leap for the last: it stops there, on its way to what others wait for.
+CABLES, PROGRAMS, DISPATCHER, CONTROLLER, TICKS, WATCH = range(6)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from hashlib import blake2b
 from itertools import count
+from math import inf
 from typing import Any
 
 from controller_apps.apps.host_orders import (
@@ -68,12 +69,13 @@ from controller_apps.sessions.link_monitors import NO_LINKS, PREEMPTED, LinkMoni
 from controller_apps.sessions.permission import Permission
 from controller_apps.sessions.snapshot import encode_hosts
 from controller_apps.sessions.state_folder import StateFolder, take_over
-from controller_apps.timeouts import DISCOVERY_S, SESSION_TICK_S
+from controller_apps.timeouts import DISCOVERY_S, SESSION_TICK_S, WATCH_TICK_S
 from wire.analyser_frames import ETHER_TYPE, HERALDS
 from wire.config import ControllerConfig
 from wire.malformed import MalformedPacket
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason
+from wire.network_time import WATCH, NetworkTime
 from wire.parameters.network import OFF, REQUIRED
 
 DEVICE_MONITOR = "DeviceMonitor"  # the app that speaks to the hosts
@@ -81,6 +83,10 @@ DEVICE_MONITOR = "DeviceMonitor"  # the app that speaks to the hosts
 
 class EventTick(Event):
     """Time has passed."""
+
+
+class EventWatchTick(Event):
+    """The next seal may be due."""
 
 
 class EventInstantOver(Event):
@@ -102,6 +108,7 @@ class QuantumMetadata(App):
         self.time, self.stations, self.policy_path = config.time, config.stations, config.policy
         self.mac_table, self.state = mac_table, state
         self._ticks = Ticks(config.time, SESSION_TICK_S)
+        self._watch_ticks = Ticks(config.time, WATCH_TICK_S, WATCH)
         names = {dpid: name for name, dpid in config.quantum_switches.items()}
         self.network = Network(names=names)
         self.arbiter = _arbiter(self.network, config)
@@ -120,7 +127,7 @@ class QuantumMetadata(App):
         self.permission = Permission(self._read_policy(), self.network, sessions)
         self.arbiter.terms.forbid = self._forbid
         self.monitors = LinkMonitors(self.network)
-        self.idle = IdleLight(self.network, sessions, self._find_idle, session_numbers())
+        self.idle = IdleLight(self.network, sessions, self._find_idle, session_numbers(config.time))
         self._follow_policy()
         self._performers = self._actions()
         for number in take_over(state, self.arbiter, self.logger, self._now()):
@@ -136,6 +143,7 @@ class QuantumMetadata(App):
         """Begin to handle events; called by the framework."""
         super().start()
         hub.spawn(self._tick_for_ever)
+        hub.spawn(self._watch_for_ever)
         self._instants.start()
 
     def close(self) -> None:
@@ -148,6 +156,11 @@ class QuantumMetadata(App):
             self._ticks.wait(self.arbiter.next_slot_s(self._now()))
             self.send_event(self.name, EventTick())
 
+    def _watch_for_ever(self) -> None:
+        while True:
+            self._watch_ticks.wait(self.idle.next_s if self.time.has_begun else inf)
+            self.send_event(self.name, EventWatchTick())
+
     def _now(self) -> float:
         """Return the time of the network, by which sessions go; discovery goes by the wall."""
         return self.time.now_s()
@@ -158,7 +171,12 @@ class QuantumMetadata(App):
         self.journal.time_passed()
         self._keep_hosts()
         self._do(self.arbiter.tick(self._now()))
-        self._do(self.idle.tick(self._now()))
+
+    @on(EventWatchTick)
+    def watch_goes_on(self, event: Any) -> None:
+        """Seal what is idle, once the network is ready."""
+        if self.time.has_begun:
+            self._do(self.idle.tick(self._now()))
 
     # Actions
 
@@ -196,6 +214,7 @@ class QuantumMetadata(App):
             self.monitors.granted(self.arbiter.sessions.by_number.get(note.session))
         if note.event in ("refused", "torn_down"):
             self.idle.over(note.session, self._now())
+            self._watch_ticks.wake_by(self.idle.next_s)
         if note.event == "torn_down" and note.detail == PREEMPTED:
             self.monitors.forget(note.session)
         self.journal.note(note)
@@ -461,7 +480,14 @@ def _arbiter(network: Network, config: ControllerConfig) -> Arbiter:
     )
 
 
-def session_numbers() -> Callable[[], int]:
-    """Return a function that returns another session number at each call, of no opener's."""
-    names = (f"seal/{time.time_ns()}/{number}" for number in count())
-    return lambda: int.from_bytes(blake2b(next(names).encode(), digest_size=8).digest(), "big")
+def session_numbers(network_time: NetworkTime) -> Callable[[], int]:
+    """Return a function that returns another session number at each call, of no opener's.
+
+    Those of a controller that is started again are others, as time has gone on.
+    """
+    numbers = count()
+
+    def name() -> str:
+        return f"seal/{network_time.now_ns() - network_time.since_ns}/{next(numbers)}"
+
+    return lambda: int.from_bytes(blake2b(name().encode(), digest_size=8).digest(), "big")

@@ -23,12 +23,12 @@ class Ticks:
     who had no time to speak is not silent.
     """
 
-    def __init__(self, network_time: NetworkTime, pause_s: float) -> None:
+    def __init__(self, network_time: NetworkTime, pause_s: float, turn: int = TICKS) -> None:
         self._time, self._pause_s = network_time, pause_s
         self._gate: GateClient | None = None
         if isinstance(network_time, SteppedTime):
-            self._gate = GateClient(network_time, TICKS)
-        self._passed_s = 0.0
+            self._gate = GateClient(network_time, turn)
+        self._passed_s, self._began_ns = 0.0, network_time.now_ns()
 
     def now_s(self) -> float:
         return self._time.background_s() if self._gate is None else self._passed_s
@@ -38,11 +38,18 @@ class Ticks:
         if self._gate is None:
             hub.sleep(min(self._pause_s, self._time.wall_s(next_s - self._time.now_s())))
             return
-        began_ns = self._time.now_ns()
-        next_ns = self._time.since_ns + round(next_s * NS) if isfinite(next_s) else NEVER
-        self._gate.wait_for(max(next_ns, began_ns + 1), began_ns + round(self._pause_s * NS))
+        self._began_ns = self._time.now_ns()
+        self.wake_by(next_s)
         self._gate.take_notice()
-        self._passed_s += min((self._time.now_ns() - began_ns) / NS, self._pause_s)
+        self._passed_s += min((self._time.now_ns() - self._began_ns) / NS, self._pause_s)
+
+    def wake_by(self, next_s: float) -> None:
+        """Have who waits look at `next_s` of the network's time; paced, no pause is long."""
+        if self._gate is None:
+            return
+        next_ns = self._time.since_ns + round(next_s * NS) if isfinite(next_s) else NEVER
+        next_ns = max(next_ns, self._time.now_ns() + 1)
+        self._gate.wait_for(next_ns, self._began_ns + round(self._pause_s * NS))
 
 
 # Of a frame with TCP over IPv4: addresses and ports, and the octet of flags.

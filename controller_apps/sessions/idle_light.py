@@ -9,6 +9,7 @@ Orders go to node agents, sealed as all that the controller tells hosts. No sock
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from math import inf
 
 from controller_apps.light.paths import Network, directions
 from controller_apps.packets import FiveTuple
@@ -62,11 +63,20 @@ class IdleLight:
     _due: dict[Watch, float] = field(default_factory=dict)
     _begun: dict[int, Begun] = field(default_factory=dict)
     _why_not: dict[Watch, WhyNot] = field(default_factory=dict)
+    _waiting: set[Watch] = field(default_factory=set)  # for light that others have
 
     def follow(self, watches: Sequence[Watch], now: float) -> None:
         """Watch these from now on; seals that have begun are left to end."""
         self._due = {watch: self._due.get(watch, now) for watch in watches}
         self._why_not.clear()
+        self._waiting.clear()
+
+    @property
+    def next_s(self) -> float:
+        """Return when the next seal is due; nobody knows when others give their light back."""
+        begun = {begun.watch for begun in self._begun.values()}
+        free = self._due.keys() - begun - self._waiting
+        return min((self._due[watch] for watch in free), default=inf)
 
     def ordered(self, setup: Setup, connection: FiveTuple) -> bool:
         """Tell whether a set-up is of a seal that was ordered, between the hosts that were."""
@@ -89,6 +99,7 @@ class IdleLight:
         actions: list[Action] = []
         for watch in due[:MOST_AT_ONCE]:
             self._due[watch] = now + QUEUE_LOOK_S  # unless it begins: then when it is over
+            self._waiting.add(watch)
             actions += self._begin(watch, now)
         return actions
 
@@ -153,6 +164,7 @@ class IdleLight:
         self.sessions.over.pop(number, None)
         if begun is not None and begun.watch in self._due:
             self._due[begun.watch] = now + begun.watch.every_s
+            self._waiting.discard(begun.watch)
 
 
 def _setup(watch: Watch, number: int, opener: str) -> Setup:

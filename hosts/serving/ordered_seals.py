@@ -10,12 +10,14 @@ import asyncio
 import logging
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from functools import partial
 from typing import Any
 
 from hosts.hardware.replies import HardwareError
 from hosts.middleware.session.ends import Answerer
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.session import OpeningSession
+from hosts.network_loop import housekeeping_later
 from hosts.timeouts import UNUSED_S
 from wire.device import DEVICE_PORT
 from wire.metadata.setup import Answer, Setup
@@ -89,8 +91,7 @@ class OrderedSeals:
     def _obey(self, order: SealOrder) -> tuple[Reason, str]:
         if order.acceptor == self._address:
             self._expected[order.seal] = order.opener
-            later = asyncio.get_running_loop().call_later
-            later(UNUSED_S, self._expected.pop, order.seal, None)
+            housekeeping_later(UNUSED_S, partial(self._expected.pop, order.seal, None))
             return Reason.OK, ""
         if order.opener != self._address:
             return Reason.NOT_ALLOWED, f"{self._address} is at no end of the seal"

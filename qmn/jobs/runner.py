@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from hosts.middleware.session.options import SessionOptions
+from programs.network_waits import NetworkWaits
 from qmn.jobs import eavesdropping
 from qmn.jobs.obstacle import lost_light
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
@@ -140,11 +141,13 @@ def _use(
     address = [host, "--options", json.dumps(options)]
     output = ["--output", str(folder / result.RECEIVED)] if job.file else []
     source = ["--file", str(job.file), *_time(network.runtime.time)] if job.file else []
-    asked = start(job.acceptor, "asked", output)
-    others = [start(host, f"asked-{host}", output) for host in job.others]
-    for waiting in (asked, *others):
-        waiting.wait_for("listening", START_TIMEOUT_S, network.check)
-    asking = start(job.opener, "asking", [*address, *source])
+    with NetworkWaits(network.runtime.time) as waits:
+        waits.hold()  # light that is watched already would go on while programs start
+        asked = start(job.acceptor, "asked", output)
+        others = [start(host, f"asked-{host}", output) for host in job.others]
+        for waiting in (asked, *others):
+            waiting.wait_for("listening", START_TIMEOUT_S, network.check)
+        asking = start(job.opener, "asking", [*address, *source])
     progress(follow(network, asking, progress, look))
     kept.asked = figures(follow(network, asked, lambda _line: None, look))
     for waiting in others:

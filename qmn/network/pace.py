@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator
 
-from controller_apps.policy.reading import read_policy
 from qmn.network.options import NetworkOptions
 from qmn.network.time_scale import STEPPED, Pace
 from qmn.options import BadInput
@@ -36,8 +35,6 @@ def against_steps(options: NetworkOptions, content: Content) -> Iterator[str]:
         yield "TCP repeats by the wall what --control-loss loses"
     if options.sabot:
         yield "what runs in the server of --sabot cannot be seen"
-    if options.policy and read_policy(options.policy).watches:
-        yield "seals of a [[watch]] of the --policy go on until the run ends"
     if options.apps:
         yield "--app modules have timers of their own"
     for link in content.links:

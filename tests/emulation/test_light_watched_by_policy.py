@@ -1,5 +1,6 @@
 """Idle light that the controller watches by itself, over real switches and hosts."""
 
+import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import Any
 
 from conftest import wait_until
 from fabric_scene import facts, running, session, switches_on_the_way
+from loaded import run_qmn
 
 from qmn.changes.fibers import adjust
 from qmn.running.network import dispatcher_of_running_network
@@ -80,3 +82,36 @@ def test_the_controller_watches_gives_back_closes_and_sends_light_another_way(
             assert switches_on_the_way(network, "alice-q0") == ["q1", "q4", "q3", "bob"]
             assert sending.carry(DATA) == DATA
         assert len(facts(network, "alarm")) == 1
+
+
+SLEEPING = """
+import sys
+from qmn.scripting import start
+with start("sdc", policy=sys.argv[1], seed=3, folder=sys.argv[2]) as network:
+    network.sleep(60)
+"""
+EACH_TEN_SECONDS = """
+default = "allow"
+[[watch]]
+between = ["charlie", "bob"]
+every_s = 10.0
+pairs = 2000
+rate_hz = 100_000
+"""
+
+
+def test_stepped_seals_come_as_often_as_the_policy_says(tmp_path: Path) -> None:
+    """Each lasts for its blocks, of 10.23 ms: four or five, and the next is due 10 s later."""
+    policy, script, folder = tmp_path / "policy.toml", tmp_path / "sleeping.py", tmp_path / "run"
+    policy.write_text(EACH_TEN_SECONDS)
+    script.write_text(SLEEPING)
+    done = run_qmn("script", str(script), str(policy), str(folder))
+    assert not done.returncode, done.stdout + done.stderr
+    lines = map(json.loads, (folder / "controller.jsonl").read_text().splitlines())
+    times: dict[str, list[int]] = {"watch": [], "torn_down": []}
+    for line in lines:
+        if line["event"] in times:
+            times[line["event"]].append(line["time_ns"])
+    assert len(times["watch"]) == 6  # from 0, 10.04, ... to 50.2 s
+    for ended, begun in zip(times["torn_down"], times["watch"][1:], strict=False):
+        assert begun - ended == 10_000_000_000

@@ -49,6 +49,8 @@ class Start:
             # What programs do as it begins is over, and what they do at this leap, too.
             self._leap(begin_ns + 2 * SETTLED_NS)
             self._leap(begin_ns + 2 * SETTLED_NS + OVER_NS)
+            assert self._client is not None
+            self._client.wait_for(NEVER)
 
     def _leap(self, instant_ns: int) -> None:
         """Wait for an instant; raise NetworkError if it does not come in time."""
@@ -56,18 +58,17 @@ class Start:
             raise NetworkError(f"{GATE}: programs have not paused for {LEAP_TIMEOUT_S:g} s")
 
     def settle(self) -> None:
-        """Let arrive what is under way: a run ends at the same instant each time."""
+        """Let arrive what is under way, and stop there: a run ends at the same instant each time."""
         with suppress(EOFError, ConnectionError):  # the gate has ended, which its end reports
             if isinstance(self._time, SteppedTime):
                 self._reaches(self._time.now_ns() + SETTLED_NS)
 
     def _reaches(self, instant_ns: int) -> bool:
-        """Wait for an instant; return whether the clock has reached it in time."""
+        """Wait for an instant, and stay there; return whether the clock has reached it in time."""
         assert self._client is not None
         self._client.wait_for(instant_ns)
         if reached := bool(select([self._client], [], [], LEAP_TIMEOUT_S)[0]):
             self._client.take_notice()
-        self._client.wait_for(NEVER)
         return reached
 
     def close(self) -> None:

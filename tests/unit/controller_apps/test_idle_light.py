@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import count
+from math import inf
 from typing import Any
 
 import pytest
@@ -80,10 +81,13 @@ def test_the_acceptor_is_told_first_and_the_opener_when_it_has_answered() -> Non
 def test_seals_follow_each_other_as_often_as_the_policy_says() -> None:
     state = arbiter()
     light = idle(state, WATCH)
+    assert light.next_s == 0.0
     light.tick(0.0)
+    assert light.next_s == inf
     assert opened(begin(state, light, 1000, 0.5)) == [Hop(2, 1, 2)]
     assert not light.tick(30.0)  # it still watches
     end(state, light, 1000, 31.0)
+    assert light.next_s == 41.0
     assert not light.tick(40.9)
     assert orders(light.tick(41.0))[0][1].seal == 1001
 
@@ -108,6 +112,7 @@ def test_light_that_a_session_has_is_not_watched() -> None:
     segment = frame(KEYS.encode(), sport=40000, destination=BOB)
     grant(state, state.segment_arrived(S1, 1, segment, 0.0))
     assert not light.tick(0.0)
+    assert light.next_s == inf  # nobody knows when the session gives it back
     fin = frame(sport=40000, seq=100 + len(KEYS.encode()), flags="FA", destination=BOB)
     state.segment_arrived(S1, 1, fin, 1.0)
     assert orders(light.tick(1.2))

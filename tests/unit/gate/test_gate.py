@@ -15,10 +15,18 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
-from stepping import DEADLINE_S, SINCE_NS, Stepping, stepping
+from stepping import DEADLINE_S, SINCE_NS, Stepping, stands, stepping
 
 from gate.quiescence import Task
-from wire.network_time import CONTROLLER, NEVER, WITH_WALL, GateClient, LinkCounts, SteppedTime
+from wire.network_time import (
+    CONTROLLER,
+    NEVER,
+    WATCH,
+    WITH_WALL,
+    GateClient,
+    LinkCounts,
+    SteppedTime,
+)
 
 LEAPS, MANY_LEAPS = 150, 100_000
 LEAP_S = 0.02  # at most, on a busy machine
@@ -73,13 +81,6 @@ def soon(client: GateClient) -> None:
     """Wait until the client's deadline has come."""
     assert select.select([client], [], [], DEADLINE_S)[0]
     client.take_notice()
-
-
-def stands(time_: SteppedTime) -> bool:
-    """Return whether the clock stands for a while of the wall."""
-    before_ns = time_.now_ns()
-    time.sleep(0.05)
-    return time_.now_ns() == before_ns
 
 
 def test_the_clock_leaps_to_the_earliest_deadline_and_no_further(gate: Stepping) -> None:
@@ -236,6 +237,22 @@ def test_the_clock_does_not_leap_for_the_background(gate: Stepping) -> None:
     polling.close()
     client.close()
     assert gate.end() == (1, 0)
+
+
+def test_the_clock_stops_for_a_watch_only_on_its_way(gate: Stepping) -> None:
+    watching = GateClient(gate.time, WATCH)
+    watching.wait_for(SINCE_NS + 5)
+    assert stands(gate.time)
+    with GateClientOf(gate) as client:
+        client.wait_for(SINCE_NS + 10)
+        soon(watching)
+        assert gate.time.now_ns() == SINCE_NS + 5
+        watching.wait_for(SINCE_NS + 15)  # beyond what others wait for
+        soon(client)
+        client.wait_for(NEVER)
+        assert gate.time.now_ns() == SINCE_NS + 10
+        assert stands(gate.time)
+    watching.close()
 
 
 def test_whose_turn_is_later_is_notified_at_the_end_of_the_instant(gate: Stepping) -> None:

@@ -10,6 +10,7 @@ from typing import Any, cast
 import pytest
 from limits import SOON_S
 from stacks_scene import OWN_ADDRESS, RELAYED, grant, network
+from stepping import stands, stepping
 
 from hosts import network_loop
 from hosts.middleware.session.session import OpeningSession
@@ -148,3 +149,14 @@ def test_a_host_takes_part_in_the_seal_that_was_ordered_once_and_in_no_other() -
         assert alices.expected(setup, "10.0.0.2") is None
 
     network_loop.run(run())
+
+
+def test_time_makes_no_leap_to_forget_an_order(tmp_path: Path) -> None:
+    with stepping() as gate:
+
+        async def run() -> None:
+            seals([]).take(replace(AT_BOB, opener="10.0.0.2", acceptor=ALICE))
+            loop = asyncio.get_running_loop()
+            assert await loop.run_in_executor(None, stands, gate.time)
+
+        network_loop.run(run(), gate.time)

@@ -41,7 +41,7 @@ def watching(ready: Scene, file: Path, monkeypatch: pytest.MonkeyPatch) -> list[
     ready.quantum.policy_path = str(file)
     ready.quantum.asked(EventQuestion("reload", {}))
     ready.s1.take()
-    ready.quantum.time_passed(None)
+    ready.quantum.watch_goes_on(None)
     return sent
 
 
@@ -147,7 +147,7 @@ def test_why_a_way_is_not_watched_is_recorded_of_no_session(
     ready.quantum.policy_path = str(file)
     ready.quantum.asked(EventQuestion("reload", {}))
     for _look in range(2):
-        ready.quantum.time_passed(None)
+        ready.quantum.watch_goes_on(None)
         now[0] += DISCOVERY_S
     fact = last(ready, "unwatched")
     assert fact["detail"] == "alice to zoe: zoe has announced no fibre"
