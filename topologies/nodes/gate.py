@@ -58,7 +58,7 @@ class Start:
             raise NetworkError(f"{GATE}: programs have not paused for {LEAP_TIMEOUT_S:g} s")
 
     def settle(self) -> None:
-        """Let arrive what is under way, and stop there: a run ends at the same instant each time."""
+        """Let what is under way arrive, and stop: a run ends at the same instant each time."""
         with suppress(EOFError, ConnectionError):  # the gate has ended, which its end reports
             if isinstance(self._time, SteppedTime):
                 self._reaches(self._time.now_ns() + SETTLED_NS)
