@@ -10,7 +10,9 @@ from dataclasses import MISSING, Field, fields
 from typing import Any
 
 from qmn.__main__ import described
+from qmn.results.run_result import NetworkResult, RunResult
 from qmn.results.schema import json_schema
+from views.comments import dataclasses_in, meaning
 from views.completion import help_parsers
 from wire.parameters.fiber import FiberOptics
 from wire.parameters.option import unit_of
@@ -22,11 +24,13 @@ INTRODUCTION = """# All options
     qmn run sdc --length-km 25 --device bob.detectors.efficiency=0.8
 
 This page is made from the declarations in the program: each verb with its options, each setting of
-a device, and each field of `result.json`, with unit, default and range."""
+a device, and each field of `result.json`, with unit, default, range and meaning. Where a number
+comes from, the pages of [Physics](physical-layer.md) say."""
 SHARED_BY = 3  # verbs at least, of an option that stands above them
 OPTIONS = ("option", "unit", "default", "range", "meaning")
-SETTINGS = ("setting", "unit", "default", "range")
-FIELDS = ("field", "unit", "type", "always there")
+SETTINGS = ("setting", "unit", "default", "range", "meaning")
+FIELDS = ("field", "unit", "type", "always there", "meaning")
+OF_NO_RANGE = ("bell_diagonal", "decoys", "noise", "noise_parameters")
 OF_FIBERS = {each.name: each for each in fields(FiberOptics)}  # which are options, too
 Row = tuple[str, ...]
 
@@ -86,9 +90,15 @@ def row_of(action: argparse.Action) -> Row:
 
 def settings(title: str, kind: Any) -> str:
     rows = [
-        (f"`{each.name}`", unit_of(each.name), default_of(each), declared_range(each))
+        (
+            f"`{each.name}`",
+            unit_of(each.name),
+            default_of(each),
+            declared_range(each),
+            meaning(kind, each.name),
+        )
         for each in fields(kind)
-        if {"range", "choices"} & each.metadata.keys()
+        if {"range", "choices"} & each.metadata.keys() or each.name in OF_NO_RANGE
     ]
     return f"### {title}\n\n{table(SETTINGS, rows)}"
 
@@ -107,12 +117,19 @@ def range_of(limits: tuple[float, float] | None) -> str:
 
 def results() -> Iterator[str]:
     """Yield a table for each class of results; parameters of jobs are options above."""
+    kinds = dataclasses_in(RunResult | NetworkResult)
     for name, kind in json_schema()["$defs"].items():
         properties = kind.get("properties", {})
         if properties and not name.startswith("parameters of "):
             always = kind.get("required", ())
             rows = [
-                (f"`{each}`", unit_of(each), type_of(schema), "yes" if each in always else "")
+                (
+                    f"`{each}`",
+                    unit_of(each),
+                    type_of(schema),
+                    "yes" if each in always else "",
+                    meaning(kinds[name], each),
+                )
                 for each, schema in properties.items()
             ]
             yield f"### {name}\n\n{kind.get('description', '')}\n\n{table(FIELDS, rows)}"

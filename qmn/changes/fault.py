@@ -55,7 +55,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
     stuck.add_argument("out_port", metavar="OUT_PORT", type=int, help="OpenFlow port number")
     text = "the switch has this temperature; above its limit every path loses more"
     temperature = kinds.add_parser("temperature", help=text, description=text)
-    temperature.add_argument("temperature_c", type=float, metavar="CELSIUS")
+    temperature.add_argument("temperature_c", type=float, metavar="CELSIUS", help="of the switch")
     text = "an analyser, memory or source takes in and gives no light any more"
     failed = kinds.add_parser("failed", help=text, description=text)
     failed.add_argument("port", metavar="PORT", type=int, help="OpenFlow port number, from 60001")

@@ -25,7 +25,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
     parser.description = __doc__
     parser.add_argument("a", metavar="NODE", help="one end of the links, as alice")
     parser.add_argument("b", metavar="NODE", help="their other end, as q1")
-    parser.add_argument("state", metavar="down|up", choices=["down", "up"])
+    parser.add_argument("state", metavar="down|up", choices=["down", "up"], help="what to do")
     parser.set_defaults(call=call)
 
 

@@ -18,7 +18,7 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("send", description=__doc__)
     parser.add_argument("sender", metavar="HOST", help="that sends, as alice")
     parser.add_argument("receiver", metavar="HOST", help="that receives, as bob")
-    parser.add_argument("text", metavar="TEXT")
+    parser.add_argument("text", metavar="TEXT", help="to be sent")
     parser.set_defaults(call=call, needs=Needs.RUNNING)
 
 

@@ -1,4 +1,4 @@
-"""The pages of the site, for MkDocs: the repository's, that of all options, and what they link to.
+"""The pages of the site, for MkDocs: the repository's, declarations, and what they link to.
 
 A link leads where it leads on GitHub. A linked file that is neither page nor picture becomes a page
 that shows it, as a browser would only save it.
@@ -21,13 +21,18 @@ LINK = re.compile(r"(?<=\]\()[^)#:\s]+")
 LANGUAGES = {
     ".py": "python",
     ".json": "json",
+    ".lua": "lua",
     ".toml": "toml",
     ".yml": "yaml",
     ".cff": "yaml",
     "": "text",
 }
 PICTURES = {".png", ".svg"}
-MADE = {"docs/options.md": "views.reference"}  # pages that a module prints
+MADE = {  # pages that a module prints
+    "docs/options.md": "views.reference",
+    "docs/messages.md": "views.message_reference",
+    "docs/api.md": "views.api_reference",
+}
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:

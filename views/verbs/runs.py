@@ -74,7 +74,7 @@ def add_parser(verbs: Any) -> None:
     exporting.add_argument("--whole", action="store_true", help=text)
     exporting.set_defaults(act=export)
     importing = acts.add_parser("import", help="a run of such a file")
-    importing.add_argument("file", type=Path, metavar="FILE.zip")
+    importing.add_argument("file", type=Path, metavar="FILE.zip", help="of `export`")
     importing.set_defaults(act=take)
 
 
