@@ -233,19 +233,13 @@ class SwapOrder(Message):
     """
 
     KIND = 36
-    FIELDS = struct.Struct("!QB4sBBBBBB4sBBBBBBB")
+    FIELDS = struct.Struct("!QB4sBB4sBBBBBBB")
 
     chain: int  # the session that the opener has asked for
     place: int  # in the chain: the opener's is 0, the first repeater's 1
     right: str = NOBODY  # IPv4 address of the next node; NOBODY at the acceptor
     left_fiber: int = 0  # of this node, counted from 0: by which the link from the left comes
     right_fiber: int = 0  # by which the link to the right leaves
-    # When a repeater swaps: as soon as both links hold, and it has heard that those at these
-    # places have swapped; 0 is not a place of a repeater.
-    after_left: int = 0  # of whom the two bits come from the left
-    after_right: int = 0  # who sends a notice to the left
-    tell_left: int = 0  # the place that waits for such a notice of this one's swap
-    notices: int = 0  # that come from the right: its own, and those that it passes on
     station: str = NOBODY  # IPv4 address of what heralds the link to the right; NOBODY: nothing
     # Pairs are purified before they are swapped: by this protocol (1 BBPSSW, 2 DEJMPS) so often, of
     # each of the spans that end here, on either side; 0 rounds: not at all.
@@ -301,18 +295,8 @@ class SwapOrder(Message):
             raise MalformedPacket(f"SwapOrder: {text}")
         if not 0 < order.blocks <= MAX_UNDER_WAY:
             raise MalformedPacket(f"SwapOrder: {order.blocks} blocks at once")
-        order._check_schedule()
+        order._check_purification()
         return order
-
-    def _check_schedule(self) -> None:
-        """Raise MalformedPacket for a wrong order of the others."""
-        self._check_purification()
-        places = self.after_left, self.after_right, self.tell_left, self.notices
-        left = max(self.after_left, self.tell_left) < self.place
-        right = self.after_right == 0 or self.place < self.after_right <= MAX_REPEATERS
-        few = bool(self.after_right) <= self.notices <= MAX_REPEATERS - self.place
-        if not (left and right and few) if self.repeats else any(places):
-            raise MalformedPacket(f"SwapOrder: place {self.place} with the schedule {places}")
 
     def _check_purification(self) -> None:
         """Raise MalformedPacket for a plan that cannot be."""

@@ -13,7 +13,7 @@ from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network
 from controller_apps.light.routing import Leg, Limits, cheapest_path, route
 from controller_apps.packets import FiveTuple
-from controller_apps.policy.schedules import PROTOCOLS, schedule, spans
+from controller_apps.policy.schedules import PROTOCOLS, spans
 from controller_apps.sessions.actions import SwapsOrdered
 from controller_apps.sessions.sessions import Chain, Session, Sessions, Stop
 from wire.device import MAX_REPEATERS, NOBODY, SwapOrder
@@ -151,16 +151,6 @@ def orders(ordered: SwapsOrdered, number: int) -> dict[str, SwapOrder]:
     if ordered.purification.rounds:
         swap_orders = [_purifying(order, ordered, len(chain) - 2) for order in swap_orders]
         return {stop.address: order for stop, order in zip(chain, swap_orders, strict=True)}
-    turns = schedule(ordered.schedule, len(chain) - 2)
-    tells = {turn.after_right: place for place, turn in turns.items() if turn.after_right}
-    for place, turn in turns.items():
-        swap_orders[place] = replace(
-            swap_orders[place],
-            after_left=turn.after_left,
-            after_right=turn.after_right,
-            tell_left=tells.get(place, 0),
-            notices=sum(waiting <= place < teller for teller, waiting in tells.items()),
-        )
     return {stop.address: order for stop, order in zip(chain, swap_orders, strict=True)}
 
 

@@ -8,7 +8,7 @@ set-up --> ordered --last answer--> granted
 
 from dataclasses import dataclass
 
-from controller_apps.policy.schedules import Purification
+from controller_apps.policy.schedules import PARALLEL, Purification
 from controller_apps.sessions.actions import Action, Drop, Forward, Note, SwapsOrdered
 from controller_apps.sessions.admission import Admission, admit
 from controller_apps.sessions.connections import Handshakes
@@ -84,6 +84,8 @@ class Ordering:
         return self.verdicts.refuse(request, Refusal(Reason.NODE_SILENT, silent, silent), now)
 
 
+TURNS = "hosts take turns only where they purify"
+TURNS_OF_HOSTS = Admission(Reason.NO_CHAIN, detail=TURNS, obstacle=TURNS)
 UNOPENED = "a set-up message on a connection that its other end has not opened"
 
 
@@ -160,9 +162,11 @@ class Setups:
     def _admission(self, request: Request) -> Admission:
         setup, connection, terms = request.setup, request.five_tuple, self.terms
         self.sessions.obstacles.clear()
-        return terms.forbid(setup, connection) or admit(
+        admission = terms.forbid(setup, connection) or admit(
             setup, connection, self.sessions, terms.network, terms.budget_mdb, terms.policy.taps
         )
+        turns = terms.policy.schedule != PARALLEL and not terms.policy.purification.rounds
+        return TURNS_OF_HOSTS if admission.chain and turns else admission
 
     def _takes_slot(self, setup: Setup, admission: Admission) -> bool:
         if not self.grants.slots or setup.handshake != Handshake.FRAMED:

@@ -208,6 +208,12 @@ def fitted(
         raise BadInput(
             "--purify is of repeaters that are hosts (--topology repeaters): leave it out"
         )
+    by_hosts = request.service == "swap" and not request.purify
+    if by_hosts and request.schedule not in (None, PARALLEL):
+        raise BadInput(
+            f"--schedule {request.schedule}: hosts take turns only where they purify: add "
+            "--purify 1, or let switches swap (--topology chain)"
+        )
     if planned and request.network.policy:
         text = "--schedule and --purify make a policy of their own"
         raise BadInput(f"{text}: write [swap] schedule and rounds into --policy")

@@ -63,7 +63,7 @@ def test_all_kinds_of_jobs_follow_each_other_and_impossible_ones_are_refused() -
             ("qkd", {"eve": 0.1}, r"start_for\('qkd', eve=0.1\)"),
             ("qkd", {"protocol": "mdi"}, r"start_for\('qkd', protocol='mdi'\)"),
             ("qkd", {"protocol": "mid"}, "did you mean mdi"),
-            ("swap", {"schedule": "nested"}, r"start_for\('swap', schedule='nested'\)"),
+            ("swap", {"purify": 1}, r"start_for\('swap', purify=1\)"),
         ):
             with pytest.raises(BadInput, match=why):
                 network.run(job, **options)

@@ -52,7 +52,7 @@ class Topic(IntEnum):
     HERALDED = 34
     DELIVER = 33  # a number of pairs, which are numbered from then on; answered
     # A repeater has swapped: its place, and for how many us both halves of a pair have waited;
-    # to the left also the place that waits for this notice, to the right ARRIVED and CORRECTIONS.
+    # ARRIVED and CORRECTIONS follow. Of switches: which analysers, and their numbers of the block.
     SWAPPED = 36
 
 

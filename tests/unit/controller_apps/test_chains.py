@@ -9,11 +9,13 @@ from metadata_scene import ALICE, BOB, CHARLIE, FRAMED, arbiter, frame, network,
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort, Network
 from controller_apps.light.routing import Limits
-from controller_apps.policy.schedules import SCHEDULES
+from controller_apps.policy.schedules import UNPURIFIED, Purification
 from controller_apps.sessions.actions import Forward, SwapsOrdered
 from controller_apps.sessions.chains import find_chain, orders
 from controller_apps.sessions.node_features import is_station
 from controller_apps.sessions.sessions import Chain, Stop
+from controller_apps.sessions.setups import TURNS
+from controller_apps.sessions.terms import UNFILTERED
 from wire.device import NOBODY, SwapOrder
 from wire.features import EVERYTHING, INTERFERE, MEASURE, NodeFeatures
 from wire.metadata.decoding import decode
@@ -139,6 +141,20 @@ def test_a_swap_that_no_repeater_can_make_is_refused() -> None:
     assert not any(isinstance(action, SwapsOrdered) for action in actions)
 
 
+def test_hosts_take_turns_only_where_they_purify() -> None:
+    """Where nothing is purified, turns only make pairs wait: switches do it for who asks."""
+    by_plan: dict[Purification, list[object]] = {}
+    for plan in (UNPURIFIED, Purification("dejmps", 1)):
+        judge = arbiter()
+        judge.follow(replace(UNFILTERED, schedule="nested", purification=plan))
+        by_plan[plan] = list(judge.segment_arrived(1, 1, frame(SWAP.encode()), 0.0))
+    (sent,) = [action for action in by_plan[UNPURIFIED] if isinstance(action, Forward)]
+    answer = decode(payload_of(sent.frame))
+    assert isinstance(answer, Setup)
+    assert (answer.reason, answer.obstacle) == (Reason.NO_CHAIN, TURNS)
+    assert any(isinstance(action, SwapsOrdered) for action in by_plan[Purification("dejmps", 1)])
+
+
 def test_every_node_is_told_its_place_and_the_next_one() -> None:
     told = orders(SwapsOrdered(7, stops(ALICE, CHARLIE, BOB)), 5)
     assert told == {
@@ -148,30 +164,8 @@ def test_every_node_is_told_its_place_and_the_next_one() -> None:
     }
 
 
-def test_each_repeater_is_told_whom_it_waits_for_and_who_waits_for_it() -> None:
-    """Three repeaters: the one in the middle swaps last, and hears of the right one by a notice."""
-    chain = ("10.0.0.1", "10.0.0.2", "10.0.0.3", "10.0.0.4", "10.0.0.5")
-    told = [*orders(SwapsOrdered(7, stops(*chain), "nested"), 5).values()]
-    assert told == [
-        SwapOrder(5, 7, 0, chain[1]),
-        SwapOrder(5, 7, 1, chain[2], 0, 1),
-        SwapOrder(5, 7, 2, chain[3], 0, 1, after_left=1, after_right=3, notices=1),
-        SwapOrder(5, 7, 3, chain[4], 0, 1, tell_left=2),
-        SwapOrder(5, 7, 4),
-    ]
-
-
-@pytest.mark.by_day(every=3)
-@pytest.mark.parametrize("name", SCHEDULES)
-@pytest.mark.parametrize("repeaters", [*range(1, 17), 63, 64])
-def test_every_order_of_every_schedule_can_be_sent_and_no_notice_is_lost(
-    name: str, repeaters: int
-) -> None:
+@pytest.mark.parametrize("repeaters", [1, 16, 64])
+def test_every_order_can_be_sent(repeaters: int) -> None:
     chain = stops(*(f"10.0.0.{number}" for number in range(1, repeaters + 3)))
-    told = [*orders(SwapsOrdered(7, chain, name), 5).values()]
+    told = [*orders(SwapsOrdered(7, chain), 5).values()]
     assert [SwapOrder.parse(5, order.encode()[HEADER.size :]) for order in told] == told
-    for order in told:
-        if order.after_right:
-            assert told[order.after_right].tell_left == order.place
-        passing = [other for other in told if other.place > order.place and other.tell_left]
-        assert order.notices == sum(other.tell_left <= order.place for other in passing)

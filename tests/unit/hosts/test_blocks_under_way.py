@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 from test_distribution_protocol import FOREVER, NODE_FEATURES
 
-from controller_apps.policy.schedules import SCHEDULES
 from controller_apps.sessions.actions import SwapsOrdered
 from controller_apps.sessions.chains import orders
 from controller_apps.sessions.sessions import Stop
@@ -284,7 +283,6 @@ class Scene:
 async def chain(
     seed: int,
     repeaters: int,
-    schedule: str,
     blocks: int,
     loss: float,
     cutoffs: tuple[float, float] = (inf, inf),  # of both ends, and of repeaters
@@ -301,7 +299,7 @@ async def chain(
     stops = tuple(
         Stop(address, 0, 0 if not place else 1) for place, address in enumerate(addresses)
     )
-    told = [*orders(SwapsOrdered(CHAIN.session, stops, schedule, blocks=blocks), 1).values()]
+    told = [*orders(SwapsOrdered(CHAIN.session, stops, blocks=blocks), 1).values()]
     setups = [setup_of_link(order, CHAIN, "10.0.0.1") for order in told[:-1]]
     links = [
         connection(world, setup, *both)
@@ -411,14 +409,13 @@ def run(scene: Callable[..., Coroutine[Any, Any, Scene]], *arguments: Any, **opt
 
 
 @pytest.mark.by_day(every=4)
-@pytest.mark.parametrize("schedule", SCHEDULES)
 @pytest.mark.parametrize("blocks", [2, 4])
 @pytest.mark.parametrize("seed", range(8))
 def test_blocks_under_way_do_not_disturb_each_other_in_any_order_of_events(
-    seed: int, schedule: str, blocks: int
+    seed: int, blocks: int
 ) -> None:
     """Whatever comes first: halves of one pair have the same number at both ends, corrected."""
-    scene = run(chain, seed, 3, schedule, blocks, 0.3, count=40, sample=0.3)
+    scene = run(chain, seed, 3, blocks, 0.3, count=40, sample=0.3)
     require_pairs(scene, 40)
     for memory in scene.memories[1:-1]:
         assert memory.most <= 2 * PAIRS * blocks
@@ -428,21 +425,18 @@ def test_as_many_blocks_are_under_way_as_are_ordered_and_not_one_more() -> None:
     """Repeaters hold two halves of each pair: of four blocks if all of them wait for the last."""
     most = {}
     for blocks in (1, 2, 4):
-        scenes = [
-            run(chain, seed, 2, "parallel", blocks, 0.0, count=80, sample=0) for seed in range(8)
-        ]
+        scenes = [run(chain, seed, 2, blocks, 0.0, count=80, sample=0) for seed in range(8)]
         most[blocks] = max(memory.most for scene in scenes for memory in scene.memories[1:-1])
     assert most[1] == 2 * PAIRS
     assert 2 * PAIRS < most[2] <= 4 * PAIRS < most[4] <= 8 * PAIRS
 
 
 @pytest.mark.by_day(every=4)
-@pytest.mark.parametrize("schedule", ["parallel", "left-to-right"])
 @pytest.mark.parametrize(
     ("blocks", "cutoffs"), [(4, (inf, 60)), (1, (inf, 20)), (4, (140, inf)), (4, (200, 65))]
 )
 def test_what_memories_drop_of_blocks_under_way_is_made_again(
-    blocks: int, cutoffs: tuple[float, float], schedule: str
+    blocks: int, cutoffs: tuple[float, float]
 ) -> None:
     """Ends count as shared just those pairs that all repeaters have joined, and agree on the rest.
 
@@ -450,7 +444,7 @@ def test_what_memories_drop_of_blocks_under_way_is_made_again(
     """
     dropped = vain = 0
     for seed in range(8):
-        scene = run(chain, seed, 2, schedule, blocks, 0.2, cutoffs=cutoffs, count=12, sample=0.2)
+        scene = run(chain, seed, 2, blocks, 0.2, cutoffs=cutoffs, count=12, sample=0.2)
         require_pairs(scene, 12)
         alice, *_repeaters, bob = scene.memories
         joined = sum(len(p & alice.held) == len(p & bob.held) == 1 for p in scene.world.operator)
@@ -463,7 +457,7 @@ def test_what_memories_drop_of_blocks_under_way_is_made_again(
 
 
 def test_with_one_block_at_a_time_pairs_are_the_same() -> None:
-    require_pairs(run(chain, 1, 3, "nested", 1, 0.3, count=40, sample=0.3), 40)
+    require_pairs(run(chain, 1, 3, 1, 0.3, count=40, sample=0.3), 40)
 
 
 def test_a_block_of_a_number_that_has_been_or_beyond_those_ordered_is_refused() -> None:

@@ -23,7 +23,7 @@ def parse(*words: str) -> ServiceRequest:
 def test_the_controller_reads_it_beside_what_the_default_policy_says(
     tmp_path: Path, name: str
 ) -> None:
-    request, network = checked(parse("swap", "--schedule", name))
+    request, network = checked(parse("swap", "--topology", "chain", "--schedule", name))
     policy = read_policy(Path(with_policy(request, network, tmp_path).options.policy))
     assert policy.schedule == name
     assert policy.reporting == read_policy(DEFAULT).reporting
@@ -43,7 +43,7 @@ def test_without_it_no_policy_is_made(tmp_path: Path) -> None:
 
 
 def test_it_and_a_policy_of_the_users_own_are_refused() -> None:
-    request = parse("swap", "--schedule", "nested", "--policy", str(DEFAULT))
+    request = parse("swap", "--purify", "1", "--policy", str(DEFAULT))
     with pytest.raises(BadInput, match=r"write \[swap\] schedule and rounds into"):
         checked(request)
 
@@ -59,6 +59,12 @@ def test_switches_take_turns_and_purify_nothing() -> None:
     assert (request.service, getattr(request.options, "swaps", 0)) == ("switch_swap", 2)
     with pytest.raises(BadInput, match="--purify is of repeaters that are hosts"):
         checked(parse("swap", "--topology", "chain", "--purify", "1"))
+
+
+def test_hosts_that_purify_nothing_take_no_turns() -> None:
+    with pytest.raises(BadInput, match="hosts take turns only where they purify: add --purify 1"):
+        checked(parse("swap", "--schedule", "nested"))
+    assert checked(parse("swap", "--schedule", "parallel"))
 
 
 @pytest.mark.parametrize(

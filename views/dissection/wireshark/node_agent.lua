@@ -133,17 +133,8 @@ local function check_order(values, range, right, station)
     end
     local unpurified = check_purification(values, last)
     if unpurified then return unpurified end
-    local waits, notices = math.max(values.after_left, values.tell_left), values.notices
-    if last or values.place == 0 then
-        local told = waits + values.after_right + notices > 0
-        return told and "a schedule for place " .. values.place or nil
-    end
-    if values.left_fiber == values.right_fiber then return "light goes back by its fibre" end
-    local right = values.after_right
-    if waits >= values.place
-        or (right > 0 and (right <= values.place or right > format.max_repeaters))
-        or notices < (right > 0 and 1 or 0) or notices > format.max_repeaters - values.place then
-        return "schedule of place " .. values.place
+    if not last and values.place > 0 and values.left_fiber == values.right_fiber then
+        return "light goes back by its fibre"
     end
     return nil
 end

@@ -7,7 +7,6 @@ left                                     right
   | Values(ARRIVED) <--------------------> |  both keep what both have, in order
   |    or both attempt, and a station heralds (hosts/middleware/session/blocks.py)
   | Values(SWAPPED, ARRIVED, CORRECTIONS) > |  the bits of each swap to the left
-  | <---------------------- Values(SWAPPED) |  notice of a swap to the right, if one waits for it
 
 Several blocks may be under way; each says and hears all this by itself, and light is made for one
 at a time.
@@ -51,7 +50,7 @@ from hosts.middleware.session.protocol import (
     require_size,
 )
 from hosts.timeouts import BITS_TIMEOUT_S, IDLE_TIMEOUT_S
-from wire.device import MAX_REPEATERS, NOBODY, SwapOrder
+from wire.device import NOBODY, SwapOrder
 from wire.metadata.blocks import Finish
 from wire.metadata.setup import Setup
 from wire.metadata.values import Topic
@@ -140,12 +139,6 @@ class OutgoingLink:
             )
         )
 
-    def notice(self, number: int) -> Steps[tuple[int, int]]:
-        """Return the place of a repeater to the right that has swapped, and who waits for it."""
-        numbers = yield from hear(Topic.SWAPPED, number, 2, MAX_REPEATERS, BITS_TIMEOUT_S)
-        place, waiting = numbers.tolist()
-        return place, waiting
-
     def finish(self) -> Steps[None]:
         return request(Finish(self._side.setup.session, 0, NO_DIGEST), BITS_TIMEOUT_S)
 
@@ -216,10 +209,6 @@ class IncomingLink:
             raise SessionError(Reason.PROTOCOL, text)
         missing.remove(place)
         return Swapped(place, waited_us, Bits(seen.astype(bool), operators.astype(np.uint8)))
-
-    def notify(self, number: int, place: int, waiting: int) -> Say:
-        """Tell the place that waits for it, to the left, of a swap here or to the right."""
-        return self._side.say(Topic.SWAPPED, number, [place, waiting], 8)
 
     def agree(self) -> Say:
         return self._side.agree()

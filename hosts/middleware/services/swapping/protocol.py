@@ -1,7 +1,8 @@
 """The protocol of entanglement swapping at all its nodes: no socket, no clock.
 
 Links bring the pairs (link.py). The opener keeps of its halves those that the acceptor has
-corrected; a repeater swaps when it is its turn; the acceptor corrects by the bits of all swaps.
+corrected; a repeater swaps when both its links hold; the acceptor corrects by the bits of all
+swaps.
 """
 
 from collections import defaultdict
@@ -99,40 +100,6 @@ class Opening:
             yield from take(side.block(number), {link.block(number): chosen})
         made = sent.size if side.setup.memory == MemoryState.HERALDED else size
         pairs.add(number, made, chosen.size, sent.since_ns)
-
-
-class Turn:
-    """When a repeater swaps a block: after those that it has been ordered to wait for."""
-
-    def __init__(self, order: SwapOrder) -> None:
-        """Wait for all of them."""
-        self._order = order
-        self._missing = {order.after_left, order.after_right} - {0}
-
-    @property
-    def has_come(self) -> bool:
-        return not self._missing
-
-    def heard(self, place: int) -> None:
-        self._missing.discard(place)
-
-    def noticed(self, place: int, waiting: int) -> bool:
-        """Note that a place to the right has swapped; return whether that is for one to the left.
-
-        Raise SessionError if nobody here or there can be meant.
-        """
-        if not 0 < waiting <= self._order.place < place:
-            text = f"notice of a swap at place {place} for place {waiting}"
-            raise SessionError(Reason.PROTOCOL, f"{text}, at place {self._order.place}")
-        if waiting == self._order.place:
-            self.heard(place)
-        return waiting != self._order.place
-
-    def require(self) -> None:
-        """Raise SessionError if a node has not swapped, now that all have reported."""
-        if self._missing:
-            text = f"no report of the swaps at {sorted(self._missing)}, which come first"
-            raise SessionError(Reason.PROTOCOL, text)
 
 
 def joined(

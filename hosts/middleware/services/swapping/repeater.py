@@ -11,7 +11,7 @@ from hosts.middleware.services.swapping.link import (
     OutgoingLink,
     to_the_left_of,
 )
-from hosts.middleware.services.swapping.protocol import Turn, UnderWay, joined
+from hosts.middleware.services.swapping.protocol import UnderWay, joined
 from hosts.middleware.session.protocol import (
     Concurrently,
     Connection,
@@ -64,8 +64,7 @@ class Repeater:
         if self._order.rounds:
             yield from self._purify_and_join(number, kept)
             return
-        turn = Turn(self._order)
-        yield from together(self._pass_on(number, turn), self._join(number, kept, turn))
+        yield from together(self._pass_on(number), self._tell_of_swap(number, kept))
 
     def _made(self, number: int, size: int) -> Steps[Kept]:
         kept: Kept = yield OnConnection(self._right, self._outgoing.make(number, size))
@@ -104,34 +103,11 @@ class Repeater:
         self._under_way.end(number)
         yield from self._say_right(self._outgoing.say(number, swapped))
 
-    def _pass_on(self, number: int, turn: Turn) -> Steps[None]:
-        yield from together(self._pass_right(number, turn), self._pass_left(number, turn))
-        turn.require()
-
-    def _pass_right(self, number: int, turn: Turn) -> Steps[None]:
+    def _pass_on(self, number: int) -> Steps[None]:
         missing = to_the_left_of(self._order.place)
         while missing:
             swapped = yield from self._incoming.swapped(number, missing)
             yield from self._say_right(self._outgoing.say(number, swapped))
-            turn.heard(swapped.place)
-
-    def _pass_left(self, number: int, turn: Turn) -> Steps[None]:
-        """Pass notices of swaps to the right on, as they come; one may be for this place."""
-        for _ in range(self._order.notices):
-            place, waiting = yield OnConnection(self._right, self._outgoing.notice(number))
-            if turn.noticed(place, waiting):
-                yield self._incoming.notify(number, place, waiting)
-
-    def _join(self, number: int, kept: tuple[Kept, Kept], turn: Turn) -> Steps[None]:
-        """Swap when it is this repeater's turn, and tell those who have to know.
-
-        Readers of the others' messages have a deadline.
-        """
-        order = self._order
-        yield WaitUntil(lambda: turn.has_come)
-        yield from self._tell_of_swap(number, kept)
-        if order.tell_left:
-            yield self._incoming.notify(number, order.place, order.tell_left)
 
     def _say_right(self, message: Say) -> Steps[None]:
         yield OnConnection(self._right, saying(message))
