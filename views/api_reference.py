@@ -22,7 +22,7 @@ from qmn.topology import OpticalSwitch, QuantumHost, QuantumTopo
 ```
 
 This page is made from the four public modules. All else in qmn may change without notice
-([Packages](packages.md))."""
+([Versions](versions.md))."""
 PUBLIC = ("qmn.scripting", "qmn.topology", "qmn.services", "qmn.physics")
 ADDRESS = re.compile(r" at 0x[0-9a-f]+")
 API = "api"  # what names of values are of, in field_meanings.toml

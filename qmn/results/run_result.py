@@ -8,7 +8,7 @@ those of the network unless stated otherwise.
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from qmn.network.options import NetworkOptions
 from qmn.network.time_scale import PACED
@@ -21,6 +21,7 @@ from wire.results.figures import Figures
 from wire.results.run_result import (
     BEGUN,
     RESULT,
+    SCHEMA,
     Approximated,
     EarlyNews,
     Job,
@@ -43,6 +44,8 @@ BESIDE = ("topology", "controller", "seed")  # options that a result of a networ
 class NetworkResult:
     """The result of every network."""
 
+    EARLIER: ClassVar = {"schema": 0}
+
     topology: str | None  # None: a script's own
     mode: str  # native or docker
     controller: str
@@ -61,6 +64,7 @@ class NetworkResult:
     time_scale: float | None = None  # seconds here for one of the network; None: it did not start
     time_because: str | None = None  # why it is paced by default
     acausal: EarlyNews | None = None  # what can outrun light most; None: nothing can
+    schema: int = SCHEMA  # docs/versions.md
 
     @property
     def settings(self) -> NetworkSettings:

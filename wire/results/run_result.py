@@ -43,6 +43,7 @@ class NetworkFacts:
         return ""
 
 
+SCHEMA = 1  # version of results; they of lower ones are read (docs/versions.md)
 RESULT = "result.json"  # file of a run's folder, written when it has ended
 BEGUN = "begun.json"  # there until then, from the start of the network on
 

@@ -10,7 +10,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 from wire.malformed import MalformedPacket
 from wire.parameters.physics import Device
 from wire.results.figures import Figures
-from wire.results.run_result import BEGUN, RESULT, Head
+from wire.results.run_result import BEGUN, RESULT, SCHEMA, Head
 from wire.typed_json import PLAIN, is_needed, read
 
 Schema = dict[str, Any]
@@ -89,6 +89,10 @@ def head_of(value: Any) -> Head:
     """Return the head of a result as its file has it; raise MalformedPacket for anything else."""
     names = {item.name for item in fields(Head)}
     content = read(dict[str, Any], value)
+    written = content.get("schema", 0)  # older results do not say it
+    if not isinstance(written, int) or written > SCHEMA:
+        text = f"the result has schema {written!r}, and this qmn reads up to {SCHEMA}"
+        raise MalformedPacket(f"{text}: read it by the qmn that wrote it, or a newer one")
     return read(Head, {name: value for name, value in content.items() if name in names})
 
 
