@@ -23,8 +23,8 @@ SWEEP_POLL_S = 0.1  # between two looks whether the sweep shall end
 
 # Labs
 LAB_RUN_TIMEOUT_S = 600.0  # for a whole run of a lab
-LAB_END_TIMEOUT_S = 60.0  # for one that is asked to end, to clean up
-LAB_POLL_S = 0.1  # between two looks whether it has ended
+RUN_END_TIMEOUT_S = 60.0  # for a run that is asked to end, to clean up
+RUN_POLL_S = 0.1  # between two looks whether a run has ended
 
 # Other machines
 WORKERS_TIMEOUT_S = 20.0  # until as many Dask workers are there as machines are asked for

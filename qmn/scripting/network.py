@@ -5,8 +5,9 @@ with start("sdc", length_km=1.0) as network:
 """
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
+from functools import partial
 from typing import Any, TypedDict, Unpack
 
 from programs.network_waits import NetworkWaits
@@ -14,6 +15,7 @@ from qmn.jobs import on_network
 from qmn.jobs.on_network import Made
 from qmn.network.checks import check_two_hosts
 from qmn.options import BadInput
+from qmn.requests.of_job import JOBS
 from qmn.results.result import network_facts
 from qmn.running.controller_console import ask
 from qmn.running.dispatcher_calls import held_blocks, switch_conditions, switch_statistics
@@ -90,6 +92,12 @@ class QuantumNetwork(Network):
         """
         self.jobs += 1
         return JobResult(**vars(on_network.run(self, self.made, job, options, self.jobs)))
+
+    def __getattr__(self, name: str) -> Callable[..., JobResult]:
+        """Return `run` of the job of that name, as network.teleport(count=500)."""
+        if name not in JOBS:
+            raise AttributeError(f"a network has no {name!r}, and there is no such job")
+        return partial(self.run, name)
 
     def send(
         self, sender: str, receiver: str, data: bytes, **options: Unpack[SendOptions]

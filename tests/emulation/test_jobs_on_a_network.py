@@ -7,8 +7,15 @@ import pytest
 
 from qmn.options import BadInput
 from qmn.results.run_result import RunResult
-from qmn.scripting import start, start_for
-from wire.results.figures import GhzFigures, KeyFigures, PairFigures, TeleportFigures
+from qmn.scripting import run, start, start_for
+from topologies.system.processes.programs import NetworkError
+from wire.results.figures import (
+    GhzFigures,
+    KeyFigures,
+    PairFigures,
+    StoredKeyFigures,
+    TeleportFigures,
+)
 from wire.results.run_result import ServiceJob
 
 SIGMAS = 5
@@ -48,7 +55,7 @@ def test_pairs_of_two_swaps_dephase_by_the_sum_of_their_waits(tmp_path: Path) ->
 def test_all_kinds_of_jobs_follow_each_other_and_impossible_ones_are_refused() -> None:
     with start("sdc") as network:
         assert network.run("sdc", message="hello").delivered
-        teleported = network.run("teleport", count=500).asking
+        teleported = network.teleport(count=500).asking
         assert isinstance(teleported, TeleportFigures)
         assert teleported.fidelity == 1
         states = network.run("ghz", line="alice,bob,charlie", count=100).asking
@@ -86,3 +93,17 @@ def test_eve_takes_another_fraction_of_the_light_of_each_job() -> None:
         assert result.error.startswith("no key: ")
         with pytest.raises(BadInput, match="eve=0"):
             network.run("qkd", count=1000)
+
+
+def test_jobs_with_networks_of_their_own_are_calls(tmp_path: Path) -> None:
+    result = run("keys", seconds=2, captures="none", seed=4, folder=tmp_path)
+    assert isinstance(result.asking, StoredKeyFigures)
+    assert (result.delivered, result.seed, result.asking.elapsed_s) == (True, 4, 2.0)
+    assert result.asking.keys > 0
+    assert result.rows()[0]["keys"] == result.asking.keys
+    (left,) = (path for path in tmp_path.iterdir() if not path.is_symlink())
+    assert (left / "result.json").is_file()
+    with pytest.raises(BadInput, match=r"keys: there is no --secnds"):
+        run("keys", secnds=3)
+    with pytest.raises(NetworkError, match="vpn: the file was not there in 1 s"):
+        run("vpn", seconds=1, captures="none")
