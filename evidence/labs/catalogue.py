@@ -33,14 +33,19 @@ def lab(name: str, folder: Path = LABS) -> Lab:
     return found if isinstance(found, Lab) else _loaded(found)
 
 
-@cache
 def _known(folder: Path) -> Mapping[str, Lab | Path]:
     """Return the files of a folder's labs by name, and beside our own the labs of packages."""
+    return _ours() if folder == LABS else _in(folder)
+
+
+def _in(folder: Path) -> dict[str, Lab | Path]:
     files = {path.name: _file(folder, path.name) for path in sorted(folder.iterdir())}
-    own = {name: file for name, file in files.items() if file.exists()}
-    if folder != LABS:
-        return own
-    return Registry[Lab | Path]("qmn.labs", lambda each: isinstance(each, Lab), own)
+    return {name: file for name, file in files.items() if file.exists()}
+
+
+@cache
+def _ours() -> Mapping[str, Lab | Path]:
+    return Registry("qmn.labs", lambda each: isinstance(each, Lab), _in(LABS))
 
 
 def _file(folder: Path, name: str) -> Path:
