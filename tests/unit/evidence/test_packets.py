@@ -162,6 +162,19 @@ def test_a_packet_holds_its_light_for_all_attempts_and_has_a_window_left_for_the
     assert times == sorted(times)
 
 
+@pytest.mark.parametrize(("deadline_s", "reason"), [(1.0, GIVEN_UP), (20.0, ""), (None, "")])
+def test_a_session_of_the_lab_is_given_up_at_its_deadline_if_it_has_one(
+    deadline_s: float | None, reason: str
+) -> None:
+    """Both want one fibre, which the first has for ten seconds."""
+    both = [Planned(0.0, "rm1", "mi1", 10.0), Planned(0.5, "rm1", "mi1", 10.0, deadline_s)]
+    first, second = counted(GARR, both, Queue("edf"), 1.0)
+    assert first.used
+    assert second.reason == reason
+    if not reason:
+        assert second.waited_s == pytest.approx(9.5, abs=0.1)  # but for messages
+
+
 def test_one_packet_in_counted_time_waits_for_six_ways_of_messages() -> None:
     """To the controller, to switches and back, to the acceptor and back, and to the opener."""
     _network, switches = network_of(GARR)

@@ -58,6 +58,9 @@ def test_pairs_are_handed_over_as_their_sample_lets_expect() -> None:
     told = measure("handed-over", complete("handed-over", {"waited_s": 0.05}), SEED)
     error = told["delivered"][1]
     assert abs(told["estimate"][0] - 0.95) < 5 * error
+    right, of_each = (1 + 2.8 / 3) / 2, PAIRS / 2 / 3  # every other block, in each of three bases
+    likely = sqrt(3 * right * (1 - right) / of_each) / 2
+    assert told["estimate"][1] == pytest.approx(likely, rel=0.1)
     assert abs(told["expected"][0] - 0.5754337) < 5 * error
     assert abs(told["delivered"][0] - 0.5754337) < 5 * error
 

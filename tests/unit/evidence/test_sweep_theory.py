@@ -175,3 +175,21 @@ def test_two_clicks_herald_half_of_the_pairs_of_which_both_photons_are_seen() ->
     eta, visibility = 0.4, 0.9
     seen = [eta * eta * apart for apart in (0, 1, 1, 0)]  # |00>, |01>, |10>, |11>: apart, or not
     assert theory.two_clicks(eta, visibility) == pytest.approx((sum(seen) / 4, 0.95))
+
+
+@pytest.mark.parametrize(
+    ("qber", "single", "share"),
+    [
+        (0.0, 0.7, 0.7),
+        (0.11, 1.0, 0.000168),  # h(.11) = .499916
+        (0.02, 0.9, 0.6201915),  # .9 (1 - h(.02/.9)) - h(.02)
+        (0.05, 0.1, 0.0),  # each single photon may be wrong as often as right
+        (0.9, 0.95, 0.0),  # and more often
+        (0.0, 0.0, 0.0),
+    ],
+)
+def test_keys_of_sources_that_send_several_photons_are_those_of_gllp(
+    qber: float, single: float, share: float
+) -> None:
+    """Of a pulse seen in two (quant-ph/0212066): half of them are not seen."""
+    assert theory.gllp(0.5, qber, single) == pytest.approx(share / 2, abs=1e-6)

@@ -330,6 +330,7 @@ def test_a_file_may_say_who_else_takes_part(tmp_path: Path, model: str) -> None:
         (["--service", "ghz", "--line", "3"], "--to alice,bob: name more hosts, 3 take part in"),
         (["--line", "3"], "--line: in distribute 2 hosts take part: leave it out"),
         (["--rate-per-s", "0"], "--rate-per-s 0.0: choose 1e-06 to"),
+        (["--count", "1048577"], "--count 1048577: choose 1 to 1048576"),  # as long keys are
         (["--sessions", "0"], "--sessions 0: choose 1 to 100000"),
         (["--traffic", "trace"], "name a file with the columns acceptor, at_s, opener"),
         (["--file", "x.csv"], "--file is of --traffic matrix or trace, not of poisson"),
