@@ -44,12 +44,18 @@ def left_out(folder: str, names: list[str]) -> set[str]:
 
 
 def failure(tree: Path, tests: Sequence[str], excluded: Sequence[str] = ()) -> str:
-    """Run tests; return the first that fails, or why they end otherwise, or "" if all pass."""
+    """Run tests; return the first that fails, or why they end otherwise, or "" if all pass.
+
+    Files among the excluded are left out whole: they cannot be collected.
+    """
+    tests = [each for each in tests if each not in excluded]
+    if not tests:
+        return ""
     environment = {**os.environ, "PYTHONPATH": "tests", "OPENBLAS_NUM_THREADS": "1"}
     environment["PYTHONDONTWRITEBYTECODE"] = "1"  # what was right a second ago must not be run
     namespaces = ["topologies/own_namespaces"] if tests[0].startswith("tests/emulation") else []
     done = subprocess.run(
-        [*namespaces, *PYTEST, *DAY, LONGEST, *(f"--deselect={each}" for each in excluded), *tests],
+        [*namespaces, *PYTEST, *DAY, LONGEST, *map(left_out_by, excluded), *tests],
         cwd=tree,
         env=environment,
         stdin=subprocess.DEVNULL,
@@ -62,6 +68,11 @@ def failure(tree: Path, tests: Sequence[str], excluded: Sequence[str] = ()) -> s
         return ""
     failed = FAILED.search(done.stdout)
     return failed[1] if failed else UNNAMED
+
+
+def left_out_by(test: str) -> str:
+    """Return pytest's option without which a test, or a file of tests, is run."""
+    return f"--deselect={test}" if "::" in test else f"--ignore={test}"
 
 
 def stages(tree: Path, bug: Bug, near: bool) -> Iterator[list[str]]:
