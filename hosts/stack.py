@@ -16,7 +16,7 @@ from hosts.hardware.ports import read_ports
 from hosts.hardware.qnic import Qnic, release
 from hosts.hardware.replies import HardwareError
 from hosts.middleware.device import Device
-from hosts.middleware.services import KINDS, NAMES
+from hosts.middleware.services import kinds, named
 from hosts.middleware.services.source import check_source, make_pairs
 from hosts.middleware.services.swapping.connections import serve_link
 from hosts.middleware.session.arrangement import Arrangement, Light
@@ -51,6 +51,7 @@ from wire.optical import ANY_WAVELENGTH
 from wire.parameters.checks import remedy
 from wire.services import HERALDED_LIGHT
 
+KINDS, NAMED = kinds(), named()  # once for all stacks that are forked
 log = logging.getLogger("stack")
 
 
@@ -107,9 +108,9 @@ class Stack:
         Its number is a new one, unless the controller has chosen it.
         """
         name = fields.pop("service", None)
-        kind = NAMES.get(name) if isinstance(name, str) else None
+        kind = NAMED.get(name) if isinstance(name, str) else None
         if kind is None:
-            text = f"unknown service {name!r}: {remedy(str(name), sorted(NAMES))}"
+            text = f"unknown service {name!r}: {remedy(str(name), sorted(NAMED))}"
             raise SessionError(Reason.UNSUPPORTED, text)
         options = kind.options.from_fields(fields)
         peer = self._peer(options.host)

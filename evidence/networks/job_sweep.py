@@ -16,7 +16,7 @@ from evidence.curves.experiment import Experiment, Outcome, SweepError
 from evidence.curves.grid import Grid
 from evidence.curves.parameters import BadGrid, Parameter, Value, Values, point_seed
 from evidence.networks.metrics import measures_of, outcome_of
-from hosts.middleware.services import NAMES
+from hosts.middleware.services import named
 from hosts.middleware.session.errors import SessionError
 from qmn.jobs.on_network import network_for
 from qmn.jobs.transfer import TransferError
@@ -140,10 +140,10 @@ def _number(name: str, kind: Any, limits: tuple[float, float] | None, unit: str)
 
 def _options(job: str) -> dict[str, "Field[Any]"]:
     """Return the declared options of a job and its network by their names in Python."""
-    of_job: list[type[Any]] = [SuperdenseRequest, NAMES["sdc"].options]
+    of_job: list[type[Any]] = [SuperdenseRequest, named()["sdc"].options]
     if job in VERBS:
         services = VERBS[job].protocols or (job,)
-        of_job = [ServiceRequest, NAMES[services[0]].options]
+        of_job = [ServiceRequest, named()[services[0]].options]
     kinds = (*of_job, NetworkOptions)
     found: dict[str, Field[Any]] = {each.name: each for kind in kinds for each in fields(kind)}
     own = {name: each for name, each in found.items() if "help" in declared(each)}

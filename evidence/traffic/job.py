@@ -12,7 +12,7 @@ from evidence.traffic.plan import BadTraffic, Planned, Traffic, plan
 from evidence.traffic.request import LINE, OWN, LoadRequest
 from evidence.traffic.session import PAIR, Wanted
 from evidence.traffic.summary import summary
-from hosts.middleware.services import NAMES
+from hosts.middleware.services import named
 from hosts.middleware.session.errors import SessionError
 from hosts.network_loop import run as run_loop
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
@@ -157,7 +157,7 @@ def wanted_of(request: LoadRequest, hosts: Sequence[str]) -> Wanted:
     if service in LINES:
         asked["line"] = ",".join(hosts[: hosts_of_session(request)])
     try:
-        NAMES[request.service].options.from_fields(asked)
+        named()[request.service].options.from_fields(asked)
     except SessionError as error:
         raise BadInput(f"--service {request.service}: {error}") from error
     return Wanted(

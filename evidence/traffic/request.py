@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from evidence.traffic.plan import MODELS, MOST_SESSIONS
-from hosts.middleware.services import NAMES
+from hosts.middleware.services import named
 from hosts.middleware.services.ghz.options import LEAST_HOSTS, MOST_HOSTS
 from qmn.network.options import NetworkOptions
 from qmn.requests.run_options import RunOptions
@@ -19,7 +19,9 @@ LINE = 3  # hosts of a session of a line
 class LoadRequest:
     """The traffic, and its network."""
 
-    service: str = option("distribute", "that sessions are of (distribute)", choices=sorted(NAMES))
+    service: str = option(
+        "distribute", "that sessions are of (distribute)", choices=sorted(named())
+    )
     count: int = option(
         30,
         "of pairs, states or bits of a session; bytes of sdc (30)",

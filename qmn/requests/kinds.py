@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, is_dataclass
 from types import MappingProxyType
 from typing import Any
 
-from hosts.middleware.services import NAMES
+from hosts.middleware.services import named
 from qmn.requests.keeping import kept_fields, read_kept
 from qmn.requests.request import Request
 from qmn.requests.service import ServiceRequest
@@ -44,7 +44,7 @@ KEPT: Mapping[str, Kept] = MappingProxyType(
             service: Kept(
                 ServiceRequest,
                 {"service": service, "port": SERVICE_PORT},
-                {"options": NAMES[service].options},
+                {"options": named()[service].options},
             )
             for name in VERBS
             for service in services_of(name)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from controller_apps.policy.schedules import PARALLEL, SCHEDULES
-from hosts.middleware.services import NAMES
+from hosts.middleware.services import named
 from hosts.middleware.services.ghz.options import GhzOptions
 from hosts.middleware.session.options import ServiceOptions
 from qmn.network.options import NetworkOptions
@@ -138,7 +138,7 @@ def service_request(
     return from_keywords(
         ServiceRequest,
         given,
-        {"options": NAMES[service].options},
+        {"options": named()[service].options},
         service=service,
         port=SERVICE_PORT,
         topology=topology or ("" if given.get("map") else verb_of(service).topology),

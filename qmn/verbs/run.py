@@ -4,7 +4,7 @@ import argparse
 from functools import partial
 from typing import Any
 
-from hosts.middleware.services import NAMES
+from hosts.middleware.services import named
 from hosts.middleware.services.superdense.options import SuperdenseOptions
 from hosts.timeouts import MAX_BLOCK_S
 from qmn.jobs.start import run_job
@@ -88,7 +88,7 @@ def _describe_service(parser: Parser, name: str, verb: Verb) -> None:
         titled(parser, JOB).add_argument(
             "--protocol", dest="service", choices=verb.protocols, default=name, help=text
         )
-    kind = NAMES[name].options
+    kind = named()[name].options
     add_options(
         parser,
         kind,
@@ -112,5 +112,5 @@ def _call_service(arguments: argparse.Namespace) -> int:
 
 def service_request(arguments: argparse.Namespace) -> ServiceRequest:
     ends = ends_of_line(arguments.service, getattr(arguments, "line", ""))
-    parts = {"options": NAMES[arguments.service].options}
+    parts = {"options": named()[arguments.service].options}
     return read(ServiceRequest, arguments, parts, port=SERVICE_PORT, **ends)

@@ -1,6 +1,7 @@
 """The services of a host, by their place in the vocabulary: those here, and those of packages."""
 
 from collections.abc import Mapping
+from functools import cache
 from pkgutil import resolve_name
 from types import MappingProxyType
 
@@ -16,19 +17,24 @@ from hosts.middleware.session.ends import ServiceKind
 from wire.light import registered_services
 from wire.metadata.vocabulary import Service
 
-KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
-    {
-        kind.service: kind
-        for kind in (
-            superdense.KIND,
-            superdense.RETURN_KIND,
-            distribute.KIND,
-            connections.line(Service.GHZ, GhzOptions, ghz.Leader, ghz.Follower),
-            swap.KIND,
-            switch_swap.KIND,
-            teleport.KIND,
-            *(resolve_name(service.ends) for service in registered_services()),
-        )
-    }
-)
-NAMES = {service.name.lower(): kind for service, kind in KINDS.items()}  # what users call them
+
+@cache
+def kinds() -> Mapping[Service, ServiceKind]:
+    """Return all; those of packages import what is beside this, and are imported only here."""
+    own = (
+        superdense.KIND,
+        superdense.RETURN_KIND,
+        distribute.KIND,
+        connections.line(Service.GHZ, GhzOptions, ghz.Leader, ghz.Follower),
+        swap.KIND,
+        switch_swap.KIND,
+        teleport.KIND,
+    )
+    theirs = (resolve_name(service.ends) for service in registered_services())
+    return MappingProxyType({kind.service: kind for kind in (*own, *theirs)})
+
+
+@cache
+def named() -> Mapping[str, ServiceKind]:
+    """Return all by what users call them."""
+    return MappingProxyType({service.name.lower(): kind for service, kind in kinds().items()})

@@ -19,7 +19,7 @@ from evidence.traffic.plan import BadTraffic, Planned, Traffic, plan
 from evidence.traffic.request import LoadRequest
 from evidence.traffic.session import Outcome, Wanted, like_phi_plus
 from evidence.traffic.summary import fairness, fidelity_by_age, light_times, summary, waits
-from hosts.middleware.services import NAMES
+from hosts.middleware.services import named
 from qmn.__main__ import described
 from qmn.network.description import describe_network
 from qmn.options import BadInput, read
@@ -286,7 +286,7 @@ def test_sources_neither_ask_nor_are_asked_unless_they_are_named() -> None:
 
 def test_every_service_that_is_offered_can_be_asked_for() -> None:
     """In services of lines hosts make pairs each with the next: as many as are asked for."""
-    for name in NAMES:
+    for name in named():
         words = "--service", name, "--sessions", "1", "--to", "alice,bob,charlie"
         traffic, (session,), wanted = asked(*words)
         hosts = {session.opener, session.acceptor, *session.others}

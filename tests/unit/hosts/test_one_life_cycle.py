@@ -12,7 +12,7 @@ from limits import SOON_S
 from stacks_scene import network
 
 from hosts import network_loop
-from hosts.middleware.services import KINDS, NAMES
+from hosts.middleware.services import kinds, named
 from hosts.service_socket import ServiceSocket
 from hosts.stack import Stack
 from hosts.stack_socket import QuantumSocketError
@@ -26,10 +26,10 @@ COUNTED = {"sdc": ("pairs_sent", "pairs_received")}
 
 
 def test_every_service_that_hosts_ask_for_is_a_kind() -> None:
-    assert set(KINDS) == set(LIGHT) - {Service.LINK}  # a link is ordered, and not asked for
+    assert set(kinds()) == set(LIGHT) - {Service.LINK}  # a link is ordered, and not asked for
     returns = {service.name.lower() for service in RETURNS}  # test_returned_bytes.py
     measured = {"switch_swap"}  # at a quantum switch: tests/emulation/test_switch_swaps.py
-    assert set(NAMES) - returns - measured == set(SERVICES) == set(SESSIONS)
+    assert set(named()) - returns - measured == set(SERVICES) == set(SESSIONS)
 
 
 @pytest.mark.parametrize("service", SERVICES)
