@@ -10,6 +10,7 @@ from topologies.networks.network import Network
 from topologies.system.processes.programs import NetworkError, Program
 from topologies.timeouts import POLL_S
 from wire.controller_lines import read_record
+from wire.network_time import NetworkTime
 from wire.results.time_series import Line, fields_of
 
 
@@ -38,6 +39,32 @@ class Lines:
         return [fields_of(line) for line in complete.splitlines()]
 
 
+class Patience:
+    """How long programs may be silent: for some seconds of the network.
+
+    Where time is stepped that is until its clock has come so far, or stands.
+    """
+
+    def __init__(self, clock: NetworkTime, limit_s: float) -> None:
+        self._clock, self._limit_s = clock, limit_s
+        self.wall_s = clock.wall_s(limit_s)
+        self.renew()
+
+    def renew(self) -> None:
+        """Note that a program has spoken."""
+        self._heard_s = self._stepped_s = time.monotonic()
+        self._heard_network_s = self._seen_s = self._clock.now_s()
+
+    @property
+    def is_over(self) -> bool:
+        now_s, network_s = time.monotonic(), self._clock.now_s()
+        if network_s != self._seen_s:
+            self._seen_s, self._stepped_s = network_s, now_s
+        waited = network_s - self._heard_network_s > self._limit_s
+        stands = now_s - self._stepped_s > self.wall_s
+        return now_s - self._heard_s > self.wall_s and (waited or stands)
+
+
 def follow(
     network: Network,
     program: Program,
@@ -61,8 +88,7 @@ def follow_all(
     In `stall_s` seconds of the network at least one of them must say something. `look` is called
     again and again meanwhile.
     """
-    limit_s = network.runtime.time.wall_s(stall_s)
-    deadline = time.monotonic() + limit_s
+    patience = Patience(network.runtime.time, stall_s)
     going = {program.name: Lines(program) for program in programs}
     last: dict[str, Line] = {}
     latest: dict[str, Line] = {}
@@ -70,7 +96,7 @@ def follow_all(
         for name, lines in list(going.items()):
             ended = not lines.program.running  # asked first, so that no line after it is missed
             for fields in lines.new():
-                deadline = time.monotonic() + limit_s
+                patience.renew()
                 if fields.get("event") == "failed":
                     text = with_elements(network, str(fields["text"]))
                     raise TransferError(text, str(fields.get("reason", "")))
@@ -87,8 +113,9 @@ def follow_all(
                 raise TransferError(f"{name} ended: {lines.program.end()}")
         network.check()
         look()
-        if going and time.monotonic() > deadline:
-            raise NetworkError(no_progress({name: latest.get(name) for name in going}, limit_s))
+        if going and patience.is_over:
+            silent = {name: latest.get(name) for name in going}
+            raise NetworkError(no_progress(silent, patience.wall_s))
         if going:
             time.sleep(POLL_S)
     return last

@@ -1,7 +1,8 @@
 """A run that stands still says what is known, blaming no light that was not lost."""
 
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,7 +13,7 @@ import pytest
 from qmn.jobs.transfer import follow_all
 from topologies.networks.network import Network
 from topologies.system.processes.programs import NetworkError, Program
-from wire.network_time import NetworkTime
+from wire.network_time import PAGE, PAGE_BYTES, NetworkTime, SteppedTime
 
 WAIT_S = 1.0
 LISTENING = '{"event": "listening", "port": 7}'
@@ -29,6 +30,18 @@ class Standing:
         """Raise nothing: all its programs run."""
 
 
+class Stepping(Standing):
+    """One whose time is stepped: a page that nobody but `step` writes to."""
+
+    def __init__(self, folder: Path) -> None:
+        (folder / PAGE).write_bytes(bytes(PAGE_BYTES))
+        self.runtime = SimpleNamespace(time=SteppedTime(1.0, 0, str(folder)))
+
+    def step(self, seconds: float) -> None:
+        """Step the clock."""
+        self.runtime.time.page[0] += round(seconds * 1e9)
+
+
 @contextmanager
 def standing_still(folder: Path, name: str, *lines: str) -> Iterator[Program]:
     """Yield a program that has printed these lines, and waits."""
@@ -41,11 +54,11 @@ def standing_still(folder: Path, name: str, *lines: str) -> Iterator[Program]:
         program.stop()
 
 
-def why(*programs: Program) -> str:
+def why(*programs: Program, network: Any = None, look: Callable[[], None] = lambda: None) -> str:
     """Return why following the programs ends."""
-    network: Any = Standing()
+    found = cast("Network", network or Standing())
     with pytest.raises(NetworkError) as raised:
-        follow_all(cast("Network", network), programs, lambda *_fields: None, lambda: None, WAIT_S)
+        follow_all(found, programs, lambda *_fields: None, look, WAIT_S)
     return str(raised.value)
 
 
@@ -71,3 +84,21 @@ def test_light_is_not_blamed_where_none_was_lost(tmp_path: Path) -> None:
         "reports: asking: result (bell_pairs 4,000, lost_pairs 0), asked: listening (port 7), "
         "silent: nothing yet"
     )
+
+
+def test_a_stepped_clock_that_stands_ends_the_run(tmp_path: Path) -> None:
+    with standing_still(tmp_path, "asking") as program:
+        assert "no progress for 1 s" in why(program, network=Stepping(tmp_path))
+
+
+def test_a_stepped_clock_that_goes_slowly_has_a_second_of_its_own(tmp_path: Path) -> None:
+    """By a quarter of the wall, at most: the limit of one second comes behind four of the wall."""
+    network, began_s = Stepping(tmp_path), time.monotonic()
+
+    def look() -> None:
+        ahead_s = (time.monotonic() - began_s) / 4 - network.runtime.time.now_s()
+        network.step(max(ahead_s, 0.0))
+
+    with standing_still(tmp_path, "asking") as program:
+        why(program, network=network, look=look)
+    assert time.monotonic() - began_s > 4 * WAIT_S
