@@ -1,12 +1,24 @@
 """Interfaces that go together, in the kernel of this machine."""
 
+import os
+import socket
 import subprocess
 from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from conftest import interfaces
+from limits import wait_until
 
-from topologies.system.kernel.interfaces import await_end, delete
+from topologies.system.kernel.interfaces import (
+    await_end,
+    delete,
+    hardware_address,
+    make_pair,
+    network_of,
+)
 from topologies.system.processes.commands import ip
 from topologies.system.processes.programs import NetworkError
 
@@ -52,3 +64,39 @@ def test_what_the_kernel_does_not_delete_is_told() -> None:
     with pytest.raises(NetworkError, match=r"^cannot delete lo: Operation not supported$"):
         delete("lo")
     assert groups()["lo"] == "default"
+
+
+def names() -> set[str]:
+    """Return the interfaces of the network that this thread is in."""
+    return {name for _number, name in socket.if_nameindex()}
+
+
+@pytest.fixture
+def elsewhere() -> Iterator[Any]:
+    """Give a node in a network of its own."""
+    with subprocess.Popen(["unshare", "--net", "sleep", "600"]) as process:
+        here = os.readlink("/proc/self/ns/net")
+        there = Path(f"/proc/{process.pid}/ns/net")
+        wait_until(lambda: os.readlink(there) != here, "the node has a network of its own")
+        yield SimpleNamespace(name="elsewhere", pid=process.pid, inNamespace=True)
+        process.kill()
+
+
+def test_each_end_of_a_pair_is_at_its_node_and_has_its_address(elsewhere: Any) -> None:
+    here: Any = SimpleNamespace(name="here", pid=os.getpid(), inNamespace=False)
+    before = interfaces()
+    with network_of(elsewhere):
+        empty = names()
+    one, other = ("s8-eth1", "02:00:00:00:00:08", here), ("h9-eth1", "02:00:00:00:00:09", elsewhere)
+    for first, second in ((one, other), (other, one)):
+        make_pair([first, second])
+        assert interfaces() == before | {one[0]}
+        assert hardware_address(one[0]) == one[1]
+        with network_of(elsewhere):
+            assert names() == empty | {other[0]}
+            assert hardware_address(other[0]) == other[1]
+        with pytest.raises(NetworkError, match="make the link s8-eth1 to h9-eth2: File exists"):
+            make_pair([one, ("h9-eth2", None, elsewhere)])
+        delete(one[0])
+        with network_of(elsewhere):
+            assert names() == empty

@@ -24,7 +24,7 @@ class Bug:
     new: str
     explained: str = ""
     kind: str = ""
-    network: str = ""  # the network test by day that notices it, if no unit test does
+    test: str = ""  # the test by day that notices it, if none that imports its file does
 
     def __str__(self) -> str:
         old, new = (" ".join(text.split()) for text in (self.old, self.new))

@@ -1,6 +1,6 @@
 """make mutants: put bugs in, one at a time, in a copy of the tree, and see which tests notice.
 
-First the tests that import its file are tried and the network test that it names, then those
+First the tests that import its file are tried and the test that it names, then those
 of its room that import its folder, then all of its room, of formats and of the contract, then
 others that import its folder; all are the day's. A test notices a bug if it fails with it and
 passes without. The status is 1 if a bug is noticed by none and not explained, or fits no more.
@@ -78,9 +78,9 @@ def left_out_by(test: str) -> str:
 def stages(tree: Path, bug: Bug, near: bool) -> Iterator[list[str]]:
     """Yield the tests to try, nearest first."""
     of_file, of_folder = nearest_tests(bug, tree)
+    yield [bug.test] if bug.test else []
     yield of_file[:NEAREST]  # most bugs go no further
     yield of_file[NEAREST:]
-    yield [bug.network] if bug.network else []
     yield ["tests/contract"] if bug.room in DESCRIBED else []
     if not near:
         room = f"tests/unit/{bug.room}"
@@ -118,7 +118,7 @@ def main() -> int:
     parser.add_argument(
         "--near",
         action="store_true",
-        help="only tests that import the file, and the network test that it names",
+        help="only tests that import the file, and the test that it names",
     )
     arguments = parser.parse_args()
     part, parts = map(int, arguments.part.split("/"))

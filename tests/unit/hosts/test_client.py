@@ -90,6 +90,17 @@ def test_a_session_that_is_left_is_broken_off_and_another_one_begins(tmp_path: P
     _with_network(tmp_path, leave_and_return)
 
 
+def test_who_leaves_a_session_waits_no_longer_for_those_who_take_part(tmp_path: Path) -> None:
+    async def leave() -> None:
+        async with network(tmp_path):
+            async with asyncio.timeout(SOON_S / 4):
+                stacks = stacks_in(tmp_path)
+                async with session(stacks, BYTES, ENDS, 7, limit_s=10 * SOON_S) as carrying:
+                    await carrying.results()
+
+    network_loop.run(leave())
+
+
 def test_a_refusal_names_its_reason(tmp_path: Path) -> None:
     def ask() -> None:
         stacks = stacks_in(tmp_path)
