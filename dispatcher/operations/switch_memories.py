@@ -221,7 +221,7 @@ class SwitchMemories:
             block = self._gathering.fill_gaps(block, most)
         photons, port = block.register.remaining, block.port
         steps_ns = np.arange(block.register.size) * block.interval_ns
-        waits_ns = self._layer.clock.now_ns() + steps_ns - cutoff.came_ns(block)
+        waits_ns = self._layer.clock.now_ns() - cutoff.came_ns(block) + steps_ns
         block.waited_ns = round(waits_ns[block.register.present].mean()) if photons else 0
         try:
             self._transport.release(block, port, partial(self._sent, node))

@@ -82,7 +82,10 @@ def agreement(folder: Path, basis: Any, wait_s: float, **memory: Any) -> tuple[f
         came_ns = [b.start_ns for n in (1, 2) for b in at(scene, n)]
         scene.clock.time_ns = sum(came_ns) // 2 + round(wait_s * 1e9)  # the sum is twice the wait
         await scene.bench.switch.connect(*STORING, *LEADING)
-        outcomes = await swapped(scene)
+        report = await scene.report()
+        assert (report.port, report.end) == (FIRST, BellOutcomes.MEASURED)
+        assert report.waited_ns == round(wait_s * 1e9) + 100  # which the switch takes
+        outcomes = np.frombuffer(report.outcomes, np.uint8)
         assert await states(scene) == [(0, PAIRS, PAIRS, 0, 0)] * 2
         found.append(await correlated(scene, outcomes, basis))
         found.append(int(np.count_nonzero(outcomes != 255)))
