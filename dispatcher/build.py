@@ -8,12 +8,14 @@ than half of the time of an ideal block.
 """
 
 import ctypes
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TextIO
 
 from dispatcher.clock import Clock
+from dispatcher.devices.detectors import ClickObserver
 from dispatcher.devices.hardware import Devices
 from dispatcher.layer.history import MOST_EVENTS, EventCapture, History
 from dispatcher.layer.journal import Journal
@@ -48,6 +50,8 @@ def keep_freed_memory() -> bool:
     return bool(mallopt(M_MMAP_THRESHOLD, LARGEST_BYTES) and mallopt(M_TRIM_THRESHOLD, KEPT_BYTES))
 
 
+BeginObserving = Callable[[DispatcherConfig, int], AbstractContextManager[ClickObserver]]
+OBSERVERS = entry_points(group="qmn.click_observers")
 LEAST_SHARE = 1 << 22  # qubits
 LEAST_BLOCKS = 8192
 LEAST_EVENTS = 1_000_000
@@ -143,6 +147,9 @@ def open_layer(
         writing_delay_s=WRITING_DELAY_S,
     )
     stack.callback(layer.history.write_out)
+    for entry in OBSERVERS if config.tags else ():
+        begin: BeginObserving = entry.load()
+        layer.observer = stack.enter_context(begin(config, clock.now_ns()))
     return layer
 
 

@@ -63,6 +63,7 @@ class Analysis:
     outcomes: Bytes  # 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi-; NO_CLICK without a coincidence
     clicks: int
     incidents: dict[str, int]  # what was out of the ordinary
+    detections: tuple[Detection, ...] = ()  # of both arms; none: detectors were not looked at
 
 
 class Mismatch:
@@ -90,8 +91,11 @@ class Mismatch:
 
 
 class Analyser:
-    def __init__(self, device: Device, arms: tuple[DetectorPair, DetectorPair]) -> None:
-        """Look with the detectors of these arms: phase, parity."""
+    def __init__(
+        self, device: Device, arms: tuple[DetectorPair, DetectorPair], observed: bool = False
+    ) -> None:
+        """Look with the detectors of these arms: phase, parity; observed: always with them."""
+        self._observed = observed
         self._device, self._detectors, self.arms = device.analyser, device.detectors, arms
         self._interferes = device.analyser.kind != "gates"  # light; qubits are measured apart
 
@@ -117,7 +121,8 @@ class Analyser:
             states = states.copy()
             states[flips] ^= PHASE
             incidents["distinguishable"] = flips.size
-        if all(arm.ideal for arm in self.arms) and not any(half.brings_more for half in halves):
+        ideal = all(arm.ideal for arm in self.arms) and not self._observed
+        if ideal and not any(half.brings_more for half in halves):
             outcomes, coincident = states.copy(), states != NO_CLICK
             clicks = sum(int(np.count_nonzero(half.present)) for half in halves)
             detections = None
@@ -133,7 +138,7 @@ class Analyser:
             incidents["late"] = late.size
         if wrong := self.misread(outcomes, random):
             incidents["misread"] = wrong
-        return Analysis(self.named(outcomes), clicks, incidents)
+        return Analysis(self.named(outcomes), clicks, incidents, detections or ())
 
     def named(self, outcomes: Bytes) -> Bytes:
         if self._device.kind != "linear":

@@ -8,7 +8,7 @@ measured one after the other, with all the time that detectors need.
 """
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,35 @@ class Detection:
     def incidents(self) -> dict[str, int]:
         names = ("dark", "afterpulses", "dead", "double", "outside")
         return {name: count for name in names if (count := getattr(self, name))}
+
+
+@dataclass(frozen=True)
+class ClickReport:
+    """The clicks of two detectors of a node for a block of light, for tags of their times.
+
+    Shapes are (m,), for each slot with a click, ascending.
+    """
+
+    node: str
+    block: tuple[int, int, int]  # session, number, half
+    train: Train
+    beyond_ps: float  # by which all of it comes later than the train says
+    slots: Slots
+    bits: Bits  # which detector clicks; the first, where both do
+    reported: Bits  # after readout errors
+    both: Mask
+    lightless: Mask
+    late_ps: NDArray[np.float64] | None  # of light; None: on time
+    timed: bool  # whether light counts in gates alone
+    first_channels: NDArray[np.uint8]  # of the detector of 0; that of 1 is the next
+    random: np.random.Generator
+
+
+class ClickObserver(Protocol):
+    """Recipient of clicks; a package registers one by the entry point group qmn.click_observers."""
+
+    def observe(self, report: ClickReport) -> None:
+        """Take note of the clicks of a block, in the order of its node."""
 
 
 class Seen(NamedTuple):

@@ -7,6 +7,7 @@ import numpy as np
 
 from dispatcher.approximations import EXACT, Approximations
 from dispatcher.clock import Clock
+from dispatcher.devices.detectors import ClickObserver
 from dispatcher.devices.hardware import Devices
 from dispatcher.layer import extra_pairs
 from dispatcher.layer.history import History
@@ -45,6 +46,7 @@ class PhysicalLayer:
     time: NetworkTime = REAL_TIME
     news: NewsDelays = field(default_factory=NewsDelays)
     approximations: Approximations = EXACT  # of all that was reported
+    observer: ClickObserver | None = None
 
     def record(
         self,

@@ -137,7 +137,8 @@ class Interference:
         # A wrong output makes Psi- of Psi+, and a second one Psi+ again.
         if wrong := analyser.misread(outcomes, self._random, (PHASE, PHASE)):
             self._incidents["misread"] = wrong
-        return Analysis(outcomes, sum(each.clicks for each in detections), self._incidents)
+        clicks = sum(each.clicks for each in detections)
+        return Analysis(outcomes, clicks, self._incidents, tuple(detections))
 
     def _meet(self, analyser: Analyser, mismatch: Mismatch, overlap: Overlap) -> Left:
         """Let all photons pass the beam splitter."""

@@ -5,12 +5,13 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dispatcher.approximations import SEVERAL_PAIRS, of_outcomes
 from dispatcher.devices import hardware
 from dispatcher.devices.analyser import Analyser, Analysis, Half
 from dispatcher.devices.detector import Slots, Train
-from dispatcher.devices.detectors import Detection, ExtraBits
+from dispatcher.devices.detectors import ClickReport, Detection, ExtraBits
 from dispatcher.devices.overlap import Overlap, overlap
 from dispatcher.fiber.turn import alignment
 from dispatcher.layer import device_noise, drift, extra_pairs, pulses
@@ -20,8 +21,9 @@ from dispatcher.layer.weak_pulses import WeakPulses
 from dispatcher.operations import imperfections, limits, weak_light
 from dispatcher.operations.blocks import require_pairs
 from dispatcher.operations.interference import Interference
+from dispatcher.operations.paths import nanoseconds
 from dispatcher.operations.weak_light import train
-from dispatcher.photon_random import PhotonRandom
+from dispatcher.photon_random import PhotonRandom, PhotonsByKey
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.capacity import DIAGONAL, GateStep
 from dispatcher.sabot.draws import PhotonDraws
@@ -33,7 +35,17 @@ from wire.outcomes import BASES, BELL_STATES, NO_CLICK, PAULI_BASES
 from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
 from wire.parameters.physics import BEAM_SPLITTER, BellAnalyser
 
+ARM = 2  # detectors, one for each outcome
 DIGITS_PS = 3  # to which ways are compared: sums of delays in another order differ by less
+
+
+class Places(NamedTuple):
+    """The slots of a detection, how late light comes there, and the channels of outcome 0."""
+
+    slots: Slots
+    late_ps: NDArray[np.float64] | None
+    first_channels: Bytes
+    arm: str = ""  # of a Bell analyser
 
 
 class Measurements:
@@ -70,6 +82,11 @@ class Measurements:
         outcomes, wrong = imperfections.misread(layer, block, detection.bits, "measure")
         outcomes = device_noise.reported(outcomes, effect)
         incidents = detection.incidents() | ({"misread": wrong} if wrong else {})
+        if self._is_observed(block):
+            random = PhotonRandom(layer.draws, block.name, place, block.size)
+            late_ps = pulses.late_ps(block.pulses, random)
+            places = Places(np.arange(block.size), late_ps, values * np.uint8(ARM))
+            self._observe(block, detection, outcomes, places)
         self._report(block, feedback, values, outcomes, incidents)
         feedback.clicks = detection.clicks
         _tell_bits(feedback, outcomes, request)
@@ -92,6 +109,13 @@ class Measurements:
         bits, wrong = imperfections.misread(layer, block, detection.bits, "measure")
         incidents = detection.incidents() | ({"misread": wrong} if wrong else {})
         outcomes = Outcomes(slots, bits)
+        if layer.observer is not None:
+            random = PhotonRandom(layer.draws, block.name, place, block.size)
+            block.pulses.delays_ps = light.delays_ps(slots)
+            late_ps = pulses.late_ps(block.pulses, PhotonsByKey.of(random, slots))
+            self._observe(
+                block, detection, bits, Places(slots, late_ps, bases(slots) * np.uint8(ARM))
+            )
         self._report(block, feedback, bases(slots), bits, incidents, outcomes.each(bases))
         feedback.clicks = detection.clicks
         if request.key:
@@ -121,6 +145,50 @@ class Measurements:
         detail = f"{tally(values, BASES)}: {tally(outcomes, ('0', '1'))}" + listed(incidents)
         each = each or partial(basis_and_outcome, values, outcomes)
         layer.record(block.node, "measure", block, detail=detail, each=each)
+
+    def _observe(
+        self, block: Block, detection: Detection, reported: Bytes, places: "Places"
+    ) -> None:
+        """Report clicks to the observer."""
+        layer, at = self._layer, np.flatnonzero(detection.bits != NO_CLICK)
+        assert layer.observer is not None
+        nowhere = np.zeros(reported.size, bool)
+        purpose = block.draws_for(f"times {places.arm} at {block.node}")
+        both, lightless = (
+            (nowhere if mask is None else mask)[at]
+            for mask in (detection.twice, detection.lightless)
+        )
+        report = ClickReport(
+            block.node,
+            block.name,
+            train(block),
+            block.path_ps - 1e3 * nanoseconds(block.path_ps),
+            places.slots[at],
+            detection.bits[at],
+            reported[at],
+            both,
+            lightless,
+            None if places.late_ps is None else places.late_ps[at],
+            not places.arm,
+            places.first_channels[at],
+            layer.draws.generator(block.name, purpose),
+        )
+        layer.observer.observe(report)
+
+    def _is_observed(self, block: Block) -> bool:
+        """Return whether there is an observer, and clicks are of light that comes in pulses."""
+        return self._layer.observer is not None and not block.kept and bool(block.interval_ns)
+
+    def _observe_arms(
+        self, halves: tuple[Block, Block], detections: tuple[Detection, ...], apart_ps: float
+    ) -> None:
+        """Report the clicks of both arms of an analyser, the first so much later."""
+        for arm, (half, detection) in enumerate(zip(halves, detections, strict=False)):
+            size, delays_ps = detection.bits.size, half.pulses.delays_ps
+            late_ps = np.zeros(size) if delays_ps is None else delays_ps
+            channels = np.full(size, (len(BASES) + arm) * ARM, np.uint8)
+            places = Places(np.arange(size), late_ps - apart_ps * arm, channels, f"arm {arm}")
+            self._observe(halves[0], detection, detection.bits, places)
 
     def _require_capacity(self, block: Block, values: Bytes) -> None:
         """Refuse bases between those of Pauli operators that the backend cannot hold."""
@@ -160,6 +228,8 @@ class Measurements:
         device_noise.in_front(layer.sabot, layer.draws, first, effect, "Bell", as_it_is)
         look = self._interfere if device.kind == BEAM_SPLITTER else self._analyse
         analysis = look(node, (first, second), matched, apart_ps)
+        if self._is_observed(first):
+            self._observe_arms((first, second), analysis.detections, apart_ps)
         feedback.exact = layer.count_exact((first, second))
         outcomes = device_noise.reported(analysis.outcomes, effect, device_noise.BELL_STATE)
         outcomes = self._analyser(node).named(outcomes)
@@ -300,7 +370,7 @@ class Measurements:
     def _analyser(self, node: str) -> Analyser:
         devices = self._layer.devices
         arms = devices.detectors(node, "phase"), devices.detectors(node, "parity")
-        return Analyser(devices.of(node), arms)
+        return Analyser(devices.of(node), arms, self._layer.observer is not None)
 
     def _draws(self, block: Block) -> PhotonDraws:
         purpose = block.draws_for("measure")

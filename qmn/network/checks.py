@@ -36,6 +36,13 @@ def check_network(options: NetworkOptions) -> None:
         check_module(module)
     if options.keys and Path(options.keys).exists():
         raise BadInput(f"--keys {options.keys} exists: name a new folder for each network")
+    if options.tags and Path(options.tags).exists():
+        raise BadInput(f"--tags {options.tags} exists: name a new folder for each network")
+    clocks = [word for word in options.device if ".detectors.clock_" in word]
+    if clocks and not options.tags:
+        raise BadInput(f"--device {clocks[0]} is of time tags: say --tags, or leave it out")
+    if options.tags and find_spec("pyarrow") is None:
+        raise BadInput("--tags writes Parquet by pyarrow, which is missing: pip install pyarrow")
     check_ranges(options)
 
 

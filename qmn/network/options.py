@@ -125,7 +125,7 @@ def settings(
     events: bool = True,
 ) -> Runtime:
     """Return the settings of a network that leaves its logs in a folder; None: leaves none."""
-    paths = {name: getattr(options, name) for name in ("sabot", "keys", "tls_from")}
+    paths = {name: getattr(options, name) for name in ("sabot", "keys", "tls_from", "tags")}
     paths["policy"] = options.policy and policy_file(options.policy)
     whole: dict[str, Any] = {
         name: str(Path(path).resolve()) for name, path in paths.items() if path

@@ -21,6 +21,7 @@ OPTIONS = {each.name: each for each in fields(NetworkOptions) if "help" in each.
 FILE = str(Path(__file__).resolve())
 TEXTS = {
     "sabot": FILE,
+    "tags": "/tmp/new-tags",
     "policy": str(ROOT / "controller_apps/policy/deny.toml"),
     "rest": "127.0.0.1:0",
     "apps": "ryu.app.ofctl_rest",

@@ -63,6 +63,14 @@ class DispatcherSettings(EventSettings):
     sabot: str = option(
         "", "simulate in a Sabot server (in ed itself)", metavar="SOCKET", recorded=False
     )
+    # Path; empty: nowhere.
+    tags: str = option(
+        "",
+        "write the clicks of each host's detectors as time tags into this new folder",
+        group=WRITTEN,
+        metavar="DIR",
+        recorded=False,
+    )
     looking: bool = False  # whether hosts may look at states, which no hardware lets them do
 
 

@@ -279,6 +279,10 @@ class Detectors:
     encoding: str = choice(*ENCODINGS)  # of the qubits that they tell, also for a Bell analyser
     efficiency_mismatch: float = parameter(0.0, 0.0, 1.0)  # that of 1 has so much less of it
     readout_error: float = parameter(0.0, 0.0, 0.5)  # of light: the reported bit is the other one
+    # Of the host's clock, by which clicks are tagged: ahead by this at the start, faster by, rms.
+    clock_offset_s: float = parameter(0.0, -1e3, 1e3)
+    clock_skew_ppm: float = parameter(0.0, -1e3, 1e3)
+    clock_jitter_ps: float = parameter(0.0, 0.0, 1e9)
 
     # "path/to/file.py:ClassName" of a noise model of one's own, and keywords for it.
     noise: str = ""

@@ -1,0 +1,1 @@
+"""Time tags: clicks of detectors as instruments write them."""
