@@ -5,7 +5,8 @@ import socket
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Self
 from zlib import crc32
 
 import numpy as np
@@ -31,6 +32,7 @@ from wire.outcomes import NO_COINCIDENCE
 
 LONGEST = ETHERNET_BYTES + MOST_PAYLOAD
 PLACE = len(PLACES)
+MOST_REPORTS = 64  # that nobody has asked for yet, of each part of a switch
 ENDS = {
     End.NO_PARTNER: "the other end's light did not come in time",
     End.CLOSED: "its flow entry ended while it waited there",
@@ -50,6 +52,54 @@ class Swapped:
     waited_us: dict[int, int]  # in the memories of each switch of a chain, by its place
 
 
+@dataclass
+class Report:
+    """The report of a part of a switch on a block, as far as it has come."""
+
+    frame: AnalyserFrame
+    is_own: bool  # to this session's group, not to everybody
+
+    def fits(self, pulses: int) -> bool:
+        """Whether it can be of a block: only the session's group hears of one without gaps."""
+        return self.frame.pulses == pulses or (self.is_own and self.frame.pulses < pulses)
+
+
+@dataclass
+class Reports:
+    """Those of one part of a switch, block after block."""
+
+    begun: Report | None = None
+    whole: deque[Report] = field(default_factory=lambda: deque(maxlen=MOST_REPORTS))
+    last: int = 0  # number of the block that was taken last
+
+    def take(self, frame: AnalyserFrame, is_own: bool) -> None:
+        """Take a frame; all of one block have its number, in order."""
+        begun = self.begun.frame if self.begun and frame.first else None
+        self.begun = None
+        outcomes = begun.outcomes if begun and begun.number == frame.number else b""
+        if frame.first == len(outcomes):
+            joined = Report(replace(frame, first=0, outcomes=outcomes + frame.outcomes), is_own)
+            if len(joined.frame.outcomes) < frame.pulses:
+                self.begun = joined
+            else:
+                self.whole.append(joined)
+
+    def has(self, pulses: int) -> bool:
+        """Whether the next block has been reported; drop what does not fit it."""
+        while self.whole and not self.whole[0].fits(pulses):
+            self.whole.popleft()
+        return bool(self.whole)
+
+    def pop(self) -> AnalyserFrame:
+        """Return what comes next; raise SessionError if the block before it was lost."""
+        frame = self.whole.popleft().frame
+        if self.last and frame.number != self.last + 1:
+            text = f"block {frame.number} of inner port {frame.port} comes behind block {self.last}"
+            raise SessionError(Reason.PROTOCOL, f"{text}: frames of others were lost")
+        self.last = frame.number
+        return frame
+
+
 class AnalyserSocket:
     """Reads the outcomes that analysers report, block by block, in the order of calls."""
 
@@ -57,25 +107,52 @@ class AnalyserSocket:
         self, outcomes: socket.socket, heralds: socket.socket, session: int, to: Receivers
     ):
         """Read frames of a session's group, heralds to this end alone, and what is to everybody."""
-        self._channel, self._heralds = outcomes, heralds
-        self._group, self._alone = group_of(session), group_of(session, to)
-        self._begun: dict[bytes, AnalyserFrame] = {}  # of each analyser, what is not whole yet
-        # Whole ones of each analyser, and whether they are to the session's own group.
-        self._whole: defaultdict[bytes, deque[tuple[AnalyserFrame, bool]]] = defaultdict(deque)
-        self._last: dict[bytes, int] = {}  # numbers of blocks that were taken
-        self._held = b""  # of a herald that is not whole yet
-        self._heralded: deque[bytes] = deque()  # whole ones
-        self._turn = asyncio.Lock()
+        self._channels = outcomes, heralds
+        self._groups = group_of(session), group_of(session, to)
+        self._analysers: defaultdict[bytes, Reports] = defaultdict(Reports)
+        self._memory = Reports()  # that at the other end of this end's link
+        self._ended: deque[Report] = deque(maxlen=MOST_REPORTS)  # light, other than measured
+        self._turn, self._news = asyncio.Lock(), asyncio.Event()
+
+    @contextmanager
+    def reading(self) -> Iterator[Self]:
+        """Read frames as they come: sockets hold few."""
+        loop = asyncio.get_running_loop()
+        for channel in self._channels:
+            loop.add_reader(channel.fileno(), self._read)
+        try:
+            yield self
+        finally:
+            for channel in self._channels:
+                loop.remove_reader(channel.fileno())
 
     def forget(self) -> None:
         """Drop the frames that have come so far: they are of earlier light."""
-        for channel in (self._channel, self._heralds):
+        self._read()
+        self._analysers.clear()
+        self._ended.clear()
+        self._memory = Reports()
+
+    def _read(self) -> None:
+        """Take all frames that have come to everybody, to this host or to its groups."""
+        for channel, group in zip(self._channels, self._groups, strict=True):
             with suppress(BlockingIOError):
                 while True:
-                    channel.recv(LONGEST)
-        for kept in (self._begun, self._whole, self._last, self._heralded):
-            kept.clear()
-        self._held = b""
+                    data = channel.recv(LONGEST)
+                    if not data[0] & 1 or data[:6] in (BROADCAST, group):
+                        with suppress(MalformedPacket):
+                            self._take(data, AnalyserFrame.decode(data))
+        self._news.set()
+
+    def _take(self, data: bytes, frame: AnalyserFrame) -> None:
+        outcomes, heralds = self._groups
+        if frame.end == End.STORED:
+            if data[:6] == heralds:
+                self._memory.take(frame, is_own=True)
+        elif frame.end != End.MEASURED:
+            self._ended.append(Report(frame, data[:6] == outcomes))
+        else:
+            self._analysers[data[6:12] + frame.port.to_bytes(4)].take(frame, data[:6] == outcomes)
 
     async def next(self, pulses: int, analysers: int) -> Swapped:
         """Return the outcomes of the next block, of this size, at a number of analysers.
@@ -85,9 +162,9 @@ class AnalyserSocket:
         async with self._turn:
             try:
                 async with asyncio.timeout(ANALYSER_TIMEOUT_S):
-                    while len(self._there(pulses)) < analysers:
-                        self._take(await self._next(self._channel, self._group), pulses)
-                    found = {each: self._pop(each) for each in self._there(pulses)}
+                    while len(there := self._there(pulses)) < analysers:
+                        await self._more()
+                    found = {each: self._analysers[each].pop() for each in there}
                     positions = await self._positions(pulses, found.values())
             except TimeoutError as error:
                 text = (
@@ -99,76 +176,36 @@ class AnalyserSocket:
                 raise SessionError(Reason.NO_LIGHT, text) from error
         return _together(found, positions)
 
+    async def _more(self) -> None:
+        self._news.clear()
+        await self._news.wait()
+
     def _there(self, pulses: int) -> list[bytes]:
-        """Return the analysers that have reported the next block; drop what does not fit it.
-
-        Only the session's own group hears of pulses that have met without gaps.
-        """
-        for reports in self._whole.values():
-            while reports and (
-                reports[0][0].pulses > pulses
-                or (reports[0][0].pulses < pulses and not reports[0][1])
-            ):
-                reports.popleft()
-        return [analyser for analyser, reports in self._whole.items() if reports]
-
-    def _pop(self, analyser: bytes) -> AnalyserFrame:
-        """Take the oldest report of an analyser; raise SessionError if one before it was lost."""
-        frame, _own = self._whole[analyser].popleft()
-        if frame.number != self._last.get(analyser, frame.number - 1) + 1:
-            text = f"outcomes of block {frame.number} of an analyser come behind those of block "
-            raise SessionError(Reason.PROTOCOL, f"{text}{self._last[analyser]}: some were lost")
-        self._last[analyser] = frame.number
-        return frame
+        """Return the analysers that have reported the next block; raise what light ended with."""
+        while self._ended:
+            ended = self._ended.popleft()
+            if ended.is_own or ended.fits(pulses):
+                text = f"light has ended at inner port {ended.frame.port} of a switch: "
+                raise SessionError(Reason.NO_LIGHT, text + ENDS[ended.frame.end])
+        return [each for each, reports in self._analysers.items() if reports.has(pulses)]
 
     async def _positions(self, pulses: int, found: Iterable[AnalyserFrame]) -> NDArray[np.intp]:
-        """Return which pulses of this end's light the memory at the other end of its link holds."""
-        with suppress(BlockingIOError):
-            while True:
-                self._take_herald(self._heralds.recv(LONGEST))
+        """Return which pulses of this end's light the memory at the other end of its link holds.
+
+        Its herald of this block was sent before outcomes were.
+        """
+        self._read()
         gaps = any(frame.pulses < pulses for frame in found)
-        while gaps and not self._heralded:
-            self._take_herald(await self._next(self._heralds, self._alone))
-        held = self._heralded.popleft() if self._heralded else b""
-        return np.flatnonzero(np.frombuffer(held, np.uint8) == 0) if gaps else np.arange(pulses)
-
-    def _take_herald(self, data: bytes) -> None:
-        """Take a frame of the memory that this end's light goes to; other frames do not count."""
-        with suppress(MalformedPacket):
-            frame = AnalyserFrame.decode(data)
-            if data[:6] == self._alone and frame.first == len(self._held):
-                self._held += frame.outcomes
-                if len(self._held) == frame.pulses:
-                    self._heralded.append(self._held)
-                    self._held = b""
-
-    def _take(self, data: bytes, pulses: int) -> None:
-        """Take a frame; what is whole is kept. All of one block have its number, in order."""
-        try:
-            frame = AnalyserFrame.decode(data)
-        except MalformedPacket:
-            return
-        analyser, own = data[6:12] + frame.port.to_bytes(4), data[:6] == self._group
-        if frame.pulses > pulses and not own:
-            return
-        if frame.end != End.MEASURED:
-            text = f"light has ended at inner port {frame.port} of a switch: "
-            raise SessionError(Reason.NO_LIGHT, text + ENDS[frame.end])
-        begun = self._begun.pop(analyser, None) if frame.first else None
-        outcomes = begun.outcomes if begun and begun.number == frame.number else b""
-        if frame.first == len(outcomes):
-            whole = replace(frame, first=0, outcomes=outcomes + frame.outcomes)
-            if len(whole.outcomes) < frame.pulses:
-                self._begun[analyser] = whole
-            else:
-                self._whole[analyser].append((whole, own))
-
-    async def _next(self, channel: socket.socket, group: bytes) -> bytes:
-        """Return the next frame to everybody, to this host or to a group; drop those to others."""
-        while True:
-            data = await asyncio.get_running_loop().sock_recv(channel, LONGEST)
-            if not data[0] & 1 or data[:6] in (BROADCAST, group):
-                return data
+        while gaps and not self._memory.has(pulses):
+            await self._more()
+        if not self._memory.has(pulses):
+            return np.arange(pulses)
+        herald = self._memory.pop()
+        held = np.frombuffer(herald.outcomes, np.uint8) == 0
+        if herald.pulses != pulses:
+            text = f"a memory holds {herald.pulses} pulses of a block of {pulses}"
+            raise SessionError(Reason.PROTOCOL, text)
+        return np.flatnonzero(held) if gaps else np.arange(pulses)
 
 
 def _together(found: dict[bytes, AnalyserFrame], positions: NDArray[np.intp]) -> Swapped:
@@ -190,8 +227,12 @@ def _together(found: dict[bytes, AnalyserFrame], positions: NDArray[np.intp]) ->
 @contextmanager
 def analyser_socket(session: int, to: Receivers) -> Iterator[AnalyserSocket]:
     """Give what takes frames of analysers and memories at all interfaces of a session's end."""
-    with _socket(ETHER_TYPE) as outcomes, _socket(HERALDS) as heralds:
-        yield AnalyserSocket(outcomes, heralds, session, to)
+    with (
+        _socket(ETHER_TYPE) as outcomes,
+        _socket(HERALDS) as heralds,
+        AnalyserSocket(outcomes, heralds, session, to).reading() as frames,
+    ):
+        yield frames
 
 
 def _socket(kind: bytes) -> socket.socket:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from limits import SOON_S
 
 from hosts.middleware.session.analyser_socket import AnalyserSocket, Swapped
 from hosts.middleware.session.errors import SessionError
@@ -41,7 +42,8 @@ class Copper:
         """Return the outcomes of blocks at two switches, asked for at once."""
 
         async def found() -> list[Swapped]:
-            return await asyncio.gather(*(self.frames.next(size, 2) for size in sizes))
+            with self.frames.reading():
+                return await asyncio.gather(*(self.frames.next(size, 2) for size in sizes))
 
         return asyncio.run(found())
 
@@ -95,5 +97,32 @@ def test_a_block_whose_outcomes_were_lost_ends_the_session() -> None:
             wire.report(switch, 1, bytes(4))
         wire.report(1, 2, bytes(4))
         wire.report(2, 3, bytes(4))
-        with pytest.raises(SessionError, match="outcomes of block 3 of an analyser come behind"):
+        with pytest.raises(SessionError, match="block 3 of inner port 60001 comes behind block 1"):
             wire.next(4, 4)
+
+
+def test_a_herald_of_another_block_ends_the_session() -> None:
+    with copper() as wire:
+        wire.herald(1, bytes(3))
+        for switch in (1, 2):
+            wire.report(switch, 1, bytes(2))
+        with pytest.raises(SessionError, match="a memory holds 3 pulses of a block of 4"):
+            wire.next(4)
+
+
+def test_frames_are_read_before_anybody_asks_for_their_block() -> None:
+    """More than a socket holds: who sends them would wait for ever."""
+    frames = 1000
+    with copper() as wire:
+        wire.heralds.setblocking(False)
+        pulses = frames * MOST_OUTCOMES
+        report = AnalyserFrame(MEMORY, 1, End.STORED, pulses, 0, bytes(pulses))
+
+        async def told() -> None:
+            loop = asyncio.get_running_loop()
+            with wire.frames.reading():
+                for frame in frames_of(report):
+                    data = frame.encode(group_of(SESSION, Receivers.OPENER), bytes(6))
+                    await asyncio.wait_for(loop.sock_sendall(wire.heralds, data), SOON_S)
+
+        asyncio.run(told())
