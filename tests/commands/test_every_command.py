@@ -18,7 +18,8 @@ from documentation import NAMES, ROOT, blocks, shell, tshark, without_numbers
 
 pytestmark = pytest.mark.timeout(3600)
 
-ELSEWHERE = ("README.md", "docs/walkthrough.md")
+OF_COURSE = [name for name in NAMES if name.startswith("course/")]  # test_course.py
+ELSEWHERE = ("README.md", "docs/walkthrough.md", *OF_COURSE)
 OF_A_NETWORK_THAT_RUNS = ("devices", "paths", "keys", "set", "send")
 OF_A_NETWORK_OR_A_RUN = ("spy", "live")
 UNTIL_CTRL_C = re.compile(r"qmn (live|spy(?! runs)|run keys(?!.*--seconds))")

@@ -25,6 +25,10 @@ print(QuantumTopo.__module__, qmn.scripting.__file__)
 """
 
 
+LOAD = (
+    "load --topology sdc --sessions 200 --rate-per-s 10 --holding-s 0.25 --deadline-s 1 "
+    "--contention queue --captures none --without report"
+)
 PLUGIN = ROOT / "examples" / "plugin"
 
 
@@ -51,6 +55,7 @@ def test_a_wheel_has_one_name_and_all_of_the_tree(wheel: Path) -> None:
     listed = subprocess.check_output(["git", "-c", f"safe.directory={ROOT}", "ls-files"], cwd=ROOT)
     tracked = [each for each in listed.decode().splitlines() if each.endswith((".py", ".lua"))]
     outside = ("docs", "examples", "setup", "tests")
+    assert not [name for name in names if "solutions" in name]  # of the course
     left_out = {f"qmn/tree/{each}" for each in tracked if each.split("/")[0] not in outside}
     assert left_out - set(names) == set()
 
@@ -91,3 +96,15 @@ def test_a_package_of_a_third_party_extends_it(wheel: Path, tmp_path: Path) -> N
     assert "counting: " in (run / "alice.log").read_text()  # by the hardware of the package
     assert "coin.agreed" in (run / "qmn.lua").read_text()
     assert "within 5 standard errors" in output(tmp_path, qmn, "lab", "published", "coins")
+    beats_the_scheduler(tmp_path, qmn)
+
+
+def beats_the_scheduler(folder: Path, qmn: Path) -> None:
+    """Do exercise 6 of the course: who came last is served first."""
+    runs = [folder / "fcfs", folder / "lifo"]
+    for place, more in zip(runs, ([], ["--policy", "lifo"]), strict=True):
+        output(folder, qmn, "run", *LOAD.split(), *more, "--runs", str(place))
+    words = [each for place in runs for each in ("--run", place / "latest")]
+    answers = ROOT / "examples" / "solutions" / "answers.toml"
+    told = output(folder, qmn, "course", "check", "6", *words, "--answer", answers)
+    assert "missing" not in told

@@ -10,6 +10,7 @@ ROOT = Path(__file__).resolve().parents[3]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
 PAGES += [ROOT / folder / "README.md" for folder in ("docker", "examples")]
 PAGES += sorted((ROOT / "labs").glob("*/README.md"))
+PAGES += sorted((ROOT / "course").glob("*.md"))
 PAGES = [page for page in PAGES if page.name != "CHANGELOG.md"]
 NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
