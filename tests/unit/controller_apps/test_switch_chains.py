@@ -188,6 +188,8 @@ def test_blocks_follow_each_other_through_the_turns_before_the_first_is_done() -
         tuple(tuple(Hop(dpid, port, port - 1000) for port in MEMORIES) for dpid in (1, 2, 3)),
         schedule("nested", 3),
     )
+    for dpid in (1, 3):
+        assert turns.measured(SwitchPort(dpid, 60_001)) == []  # light of others
     for number in (5, 6, 7):
         for dpid in (1, 3, 2):
             herald = AnalyserFrame(61_001, number, End.STORED, 2, 0, bytes(2))
