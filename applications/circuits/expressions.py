@@ -52,7 +52,7 @@ def read_arguments(tokens: Tokens, parameters: Collection[str]) -> tuple[Express
     arguments = [reader.read()]
     while tokens.accept(","):
         arguments.append(reader.read())
-    if tokens.next.position - start > LONGEST_BRACKET:
+    if tokens.next.position - start - 1 > LONGEST_BRACKET:
         problem = f"a bracket holds more than {LONGEST_BRACKET} characters; write it in steps"
         tokens.fail(problem, start)
     tokens.expect(")")

@@ -132,7 +132,11 @@ def test_switch_start_is_over_when_the_controller_has_heard_of_it(tmp_path: Path
         assert cli.failures == 0
 
 
-def test_ctrl_c_ends_the_verb_and_ctrl_d_the_network(tmp_path: Path) -> None:
+def test_ctrl_c_ends_the_verb_and_ctrl_d_the_network(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And what the network leaves is of who has called sudo."""
+    monkeypatch.setenv("SUDO_UID", "65534")
     with Keyboard("sdc", "--metrics", "--runs", str(tmp_path)) as keyboard:
         shown = keyboard.read_until("qmn> ", SOON_S)
         addresses = dict(re.findall(r"metrics of (\S+): (http://\S+)", shown))
@@ -154,6 +158,7 @@ def test_ctrl_c_ends_the_verb_and_ctrl_d_the_network(tmp_path: Path) -> None:
         keyboard.read_until("qmn> ")  # Ctrl-D means the end only to who reads just then
         keyboard.type("\x04")
         assert keyboard.ended() == 0
+    assert {path.lstat().st_uid for path in tmp_path.rglob("*")} == {65534}
 
 
 def test_a_signal_ends_the_network_in_mid_command_and_what_was_captured_stays(

@@ -21,6 +21,7 @@ from bugs import ROOT, Bug, bugs, nearest_tests
 PYTEST = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-p", "garbage"]
 DAY = ["-p", "nightly", "-m", "not nightly", "--tb=no", "-rfE"]
 LONGEST = "--timeout=120"  # seconds of a test: what hangs is noticed
+MOST_S = 1_800.0  # of all that is run at once
 FORMATS = "tests/unit/test_wire_formats.py"  # of every room
 FAILED = re.compile(r"^(?:FAILED|ERROR) ([^\s\[]+)", re.M)  # without parameters
 DESCRIBED = ("qmn", "topologies", "wire")  # rooms of what the contract walks
@@ -54,16 +55,20 @@ def failure(tree: Path, tests: Sequence[str], excluded: Sequence[str] = ()) -> s
     environment = {**os.environ, "PYTHONPATH": "tests", "OPENBLAS_NUM_THREADS": "1"}
     environment["PYTHONDONTWRITEBYTECODE"] = "1"  # what was right a second ago must not be run
     namespaces = ["topologies/own_namespaces"] if tests[0].startswith("tests/emulation") else []
-    done = subprocess.run(
-        [*namespaces, *PYTEST, *DAY, LONGEST, *map(left_out_by, excluded), *tests],
-        cwd=tree,
-        env=environment,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        check=False,
-        text=True,
-    )
+    try:
+        done = subprocess.run(
+            [*namespaces, *PYTEST, *DAY, LONGEST, *map(left_out_by, excluded), *tests],
+            cwd=tree,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            check=False,
+            text=True,
+            timeout=MOST_S,
+        )
+    except subprocess.TimeoutExpired:  # a thread that a test has left, say, ends never
+        return UNNAMED
     if done.returncode in (0, NONE_COLLECTED):
         return ""
     failed = FAILED.search(done.stdout)

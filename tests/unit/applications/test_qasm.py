@@ -129,6 +129,15 @@ def test_angles_are_computed(text: str, value: float) -> None:
     assert gate.angle_rad == pytest.approx(value)
 
 
+@pytest.mark.parametrize("brackets", ["rx({}) q[0];", "gate g(x) a {{ rx(x) a; }} g({}) q[0];"])
+def test_a_bracket_may_hold_250_characters_and_no_more(brackets: str) -> None:
+    (gate,) = operations(brackets.format("0.5" + " " * 247))
+    assert isinstance(gate, Gate)
+    assert gate.angle_rad == 0.5
+    with pytest.raises(CircuitError, match="a bracket holds more than 250 characters"):
+        operations(brackets.format("0.5" + " " * 248))
+
+
 H = np.array([[1, 1], [1, -1]]) / math.sqrt(2)
 MATRICES = {
     "I": np.eye(2),

@@ -229,6 +229,20 @@ def test_a_point_that_theory_does_not_explain_fails_the_command_and_is_named(
     assert said.count("more than 5 standard errors away") == 1
 
 
+def test_a_point_at_which_nothing_could_be_measured_fails_the_command_and_is_named(
+    tmp_path: Path,
+    scheduler: Words,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """No decoy is sent without decoys."""
+    curve = Curve("dark", "Decoys", "loss_db", "loss", "weak")
+    axes: dict[str, object] = {"decoys": "off", "eve": "off", "pairs": 1000}
+    monkeypatch.setattr(sheets, "SHEETS", (Sheet("dark", "photon-splitting", axes, [curve]),))
+    assert run("curves", "--only", "dark", "--out", str(tmp_path), *scheduler) == 1
+    assert "no weak was measured" in capsys.readouterr().err
+
+
 @pytest.mark.nightly
 @pytest.mark.timeout(400)  # half a minute of a processor
 def test_every_published_figure_is_reproduced(

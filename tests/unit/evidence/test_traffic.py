@@ -1,5 +1,6 @@
 """Heavy traffic: its models, the closed forms of its theory, and what is counted of it."""
 
+import re
 from collections import Counter
 from dataclasses import replace
 from itertools import pairwise, permutations
@@ -24,7 +25,7 @@ from qmn.__main__ import described
 from qmn.network.description import describe_network
 from qmn.options import BadInput, read
 from views.fiber_use import fiber_use, shares, span_of
-from views.report.waits_diagram import waited
+from views.report.waits_diagram import waited, waits_diagram
 from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import Event
 from wire.metadata.vocabulary import Service
@@ -211,6 +212,22 @@ def test_the_controller_s_record_says_who_waited_for_whom() -> None:
 def test_the_hosts_with_the_longest_waits_are_shown() -> None:
     told = [LoadWait("", f"h{n:02}", "", 0.0, n + 1.0, "", "src", "") for n in range(30)]
     assert set(waited(told)) == {(f"h{n}", "src") for n in range(15, 30)}  # and src: 16
+
+
+def test_who_waited_has_a_row_and_whose_light_it_was_a_column() -> None:
+    """Of two that waited for the light of three: each wait is drawn where both meet."""
+    told = [("h1", "a", 1.0), ("h1", "c", 3.0), ("h2", "b", 5.0), ("h2", "c", 7.0)]
+    drawn = waits_diagram(
+        [LoadWait("", host, "", 0.0, waited_s, "", other, "") for host, other, waited_s in told]
+    )
+    found = re.findall(r'<text[^>]* x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]*)<', drawn)
+    place = {text: (float(x), float(y)) for x, y, text in found}
+    for host, other, waited_s in told:
+        x, y = place[f"{waited_s:.2g}"]
+        assert abs(x - place[other][0]) < 1, "under the name of its column"
+        assert abs(y - place[host][1]) < 8, "in the row of its name"
+    assert place["a"][0] < place["b"][0] < place["c"][0]
+    assert abs(place["h1"][1] - place["h2"][1]) > 16
 
 
 def test_a_third_of_the_outcomes_in_each_basis_gives_the_fidelity_of_a_werner_pair() -> None:

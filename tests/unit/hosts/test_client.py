@@ -80,16 +80,6 @@ def test_bytes_arrive_while_others_are_sent(tmp_path: Path) -> None:
     assert bytes(got) == 2 * data
 
 
-def test_a_session_that_is_left_is_broken_off_and_another_one_begins(tmp_path: Path) -> None:
-    def leave_and_return() -> None:
-        stacks = stacks_in(tmp_path)
-        for _turn in range(2):
-            with blocking_session(stacks, BYTES, ENDS, 7, limit_s=SOON_S) as carrying:
-                carrying.results()
-
-    _with_network(tmp_path, leave_and_return)
-
-
 def test_who_leaves_a_session_waits_no_longer_for_those_who_take_part(tmp_path: Path) -> None:
     async def leave() -> None:
         async with network(tmp_path):
@@ -99,6 +89,16 @@ def test_who_leaves_a_session_waits_no_longer_for_those_who_take_part(tmp_path: 
                     await carrying.results()
 
     network_loop.run(leave())
+
+
+def test_a_session_that_is_left_is_broken_off_and_another_one_begins(tmp_path: Path) -> None:
+    def leave_and_return() -> None:
+        stacks = stacks_in(tmp_path)
+        for _turn in range(2):
+            with blocking_session(stacks, BYTES, ENDS, 7, limit_s=SOON_S) as carrying:
+                carrying.results()
+
+    _with_network(tmp_path, leave_and_return)
 
 
 def test_a_refusal_names_its_reason(tmp_path: Path) -> None:

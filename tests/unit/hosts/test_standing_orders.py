@@ -128,6 +128,10 @@ def test_pairs_that_cannot_be_made_are_heard_of_by_who_asks(tmp_path: Path) -> N
             await charlie.begin_pairs(SESSION + 1, 1, 6, PORTS, RATE_HZ, WAVELENGTH_PM)
             await charlie.finish(SESSION + 1)
             await charlie.finish(SESSION + 2)  # of which nothing was begun
+            await charlie.discard(SESSION)
+            await charlie.finish(SESSION)  # nothing is heard of it any more
+            await charlie.begin_pairs(SESSION, 3, 6, PORTS, RATE_HZ, WAVELENGTH_PM)
+            await charlie.finish(SESSION)
 
     network_loop.run(run())
 

@@ -70,6 +70,32 @@ def test_what_the_dispatcher_does_not_answer_is_given_up_and_cancelled(
     uvloop.run(run())
 
 
+def test_what_nobody_waits_for_any_more_is_cancelled_at_once() -> None:
+    """The limit of the answer is far away then."""
+
+    async def run() -> None:
+        server, dispatcher = grpc.aio.server(), SilentDispatcher()
+        add_DispatcherServicer_to_server(dispatcher, server)  # type: ignore[no-untyped-call]
+        port = server.add_insecure_port("127.0.0.1:0")
+        await server.start()
+        async with asyncio.timeout(SOON_S), grpc.aio.insecure_channel(f"127.0.0.1:{port}") as c:
+            given = Orders(DispatcherStub(c), "token")  # type: ignore[no-untyped-call]
+            left, stays = (asyncio.create_task(given.perform(TOLD)) for _ in range(2))
+            await asyncio.sleep(0)
+            assert await given.perform(ANSWERED) == []
+            left.cancel()
+            assert await dispatcher.cancelled.get() == 1
+            assert await given.perform(ANSWERED) == []
+            assert dispatcher.cancelled.empty()
+            assert not stays.done()
+            stays.cancel()
+            assert await dispatcher.cancelled.get() == 2
+            await given.close()
+        await server.stop(None)
+
+    uvloop.run(run())
+
+
 class ForgetfulDispatcher(SilentDispatcher):
     """Does not even answer who asks for its challenge."""
 

@@ -1,11 +1,15 @@
 """The placing of hosts on machines."""
 
 from functools import partial
+from pathlib import Path
 
 import pytest
+from distributed import Client, LocalCluster
 
-from qmn.machines.workers import on_machines, places
+from qmn.machines import workers
+from qmn.machines.workers import found_workers, on_machines, places
 from qmn.options import BadInput
+from topologies.system.processes.programs import NetworkError
 
 HOSTS, WORKERS = ("alice", "bob", "charlie", "dave"), ("m2", "m3")
 
@@ -41,3 +45,28 @@ def test_one_machine_needs_no_other() -> None:
     nobody = partial(pytest.fail, "there is no scheduler to look for")
     with on_machines(1, (), "tcp://127.0.0.1:1", HOSTS, None, nobody) as machines:
         assert machines == {}
+
+
+def test_as_many_workers_as_are_wanted_are_enough(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(workers, "WORKERS_TIMEOUT_S", 0.2)
+    with (
+        LocalCluster(
+            n_workers=2,
+            threads_per_worker=1,
+            processes=False,
+            protocol="tcp",
+            host="127.0.0.1",
+            dashboard_address=None,
+            local_directory=tmp_path,
+        ) as there,
+        Client(there) as client,
+    ):
+        client.wait_for_workers(2)
+        for least in (1, 2):
+            found = found_workers(client, least)
+            assert sorted(found) == list(found) == ["0", "1"]
+            assert all(address.startswith("tcp://127.0.0.1:") for address in found.values())
+        with pytest.raises(NetworkError, match=r"--machines 4: .* there are 2 workers \(0, 1\)"):
+            found_workers(client, 3)

@@ -157,6 +157,31 @@ def test_conflict_is_blamed_on_the_last_path_of_the_bundle() -> None:
     play(scene())
 
 
+def test_path_that_is_asked_for_once_more_in_vain_is_refused_and_hinders_no_other() -> None:
+    """An entry for it stands, as a controller may have left it: both 1 and 3 want port 2."""
+
+    async def scene() -> None:
+        async with stage() as now:
+            has(now, 1, 2)
+            has(now, 3, 2)
+            once_more = of.light(3, 2, 52)
+            scene = of.bundle(5, of.light(4, 1, 51), once_more)
+            now.controller.says(*scene)
+            await now.bridge.hears(scene[0])
+            for _member in range(2):
+                await member_mod(now)
+            await is_discarded(now, 5)
+            taken = ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT
+            await fails(now, scene[-1], once_more, *taken)
+            other = of.bundle(6, of.light(4, 1, 61))
+            now.controller.says(*other)
+            await now.bridge.hears(other[0])
+            await member_mod(now)
+            await now.bridge.hears(other[-1])
+
+    play(scene())
+
+
 def test_bundle_that_one_refused_member_would_have_opened_is_the_bridges_matter() -> None:
     async def scene() -> None:
         async with stage() as now:

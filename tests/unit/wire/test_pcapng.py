@@ -16,6 +16,7 @@ from wire.malformed import MalformedPacket
 from wire.pcapng import (
     LINKTYPE_ETHERNET,
     LINKTYPE_USER0,
+    MAX_PACKET_BYTES,
     Interface,
     Packet,
     PcapReader,
@@ -105,6 +106,17 @@ def test_a_file_that_is_none_is_refused() -> None:
     for data in (b"\xd4\xc3\xb2\xa1" + bytes(40), bytes(40), b"text " * 20, whole[28:]):
         with pytest.raises(MalformedPacket):
             list(Reader(io.BytesIO(data)).packets())
+
+
+@pytest.mark.parametrize("length", [0, 4, 8, 13, 14, 15, 17, MAX_PACKET_BYTES + 4100])
+def test_a_block_of_a_length_that_none_has_is_refused(length: int) -> None:
+    """A block has 12 bytes at least, in words of four (draft-ietf-opsawg-pcapng, 3.1)."""
+    size = length.to_bytes(4, "little")
+    block = (b"\x06\0\0\0" + size).ljust(length - 4, b"\0") + size
+    found = Reader(io.BytesIO(written() + block)).packets()
+    assert [next(found) for _ in PACKETS] == PACKETS
+    with pytest.raises(MalformedPacket, match=f"a block of {length} bytes"):
+        next(found)
 
 
 def test_a_changed_byte_changes_no_other_packet_than_its_own() -> None:
