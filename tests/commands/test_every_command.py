@@ -72,7 +72,7 @@ NOT_HERE = {
     ),
     r"sudo env .*jupyter lab ": "tests/emulation/test_notebooks.py",
     r"xdg-open ": "needs a display: tests/unit/views/test_report_in_browser.py",
-    r"python examples/tags|head -c 2000 |qmn run sdc --file zeros": (
+    r"python examples/tags|head -c 2000 |qmn run sdc --file zeros|qmn .*time-tags/played\.py": (
         "tests/emulation/test_run_tags.py, with such runs"
     ),
     r"(chopper2|timeout 4 chopper|pfind|costream|splicer) ": "needs qcrypto, which is not ours",

@@ -5,9 +5,11 @@ import subprocess
 from math import exp, sqrt
 from pathlib import Path
 
+import numpy as np
 import pytest
 from loaded import run_qmn
 
+from applications.time_tags import words
 from topologies.system.processes.programs import ROOT, python
 
 parquet = pytest.importorskip("pyarrow.parquet")
@@ -20,6 +22,8 @@ PAIRS = [
     *("--device", "bob.detectors.clock_offset_s=123456ns"),
 ]
 KINDS = "", ".truth"
+PATTERNS = np.array([[1, 4], [2, 8]], np.uint8)  # by basis and bit
+TAGS, ERRORS = 400_000, 0.03
 WIDTH = 1.5e10  # rad/s
 SPEED_M_PER_S = 2.04e8
 
@@ -75,3 +79,29 @@ def test_tags_of_a_bell_analyser_have_the_dip_of_hong_ou_and_mandel(
     expected = (1 - exp(-((WIDTH * 2 * length_m / SPEED_M_PER_S) ** 2))) / 2
     pairs = parquet.read_metadata(tmp_path / "tags" / "bob.parquet").num_rows / 2
     assert abs(wrong - expected) < 5 * sqrt(expected * (1 - expected) / pairs)
+
+
+def test_keys_are_distilled_of_tags_that_hosts_play(tmp_path: Path) -> None:
+    """As docs/time-tags/played.py: slots of 50 ns, and bob is 123,456 ns, 987,648 units, ahead."""
+    random = np.random.default_rng(1)
+    units = np.sort(random.integers(0, TAGS * 800, TAGS))  # one in 100 ns
+    bases, bits = random.integers(0, 2, (2, TAGS)), random.integers(0, 2, TAGS)
+    wrong = np.where(bases[0] == bases[1], random.random(TAGS) < ERRORS, random.random(TAGS) < 0.5)
+    (tmp_path / "tags").mkdir()
+    for host, ahead, patterns in (
+        ("alice", 0, PATTERNS[bases[0], bits]),
+        ("bob", 987_648, PATTERNS[bases[1], bits ^ wrong]),
+    ):
+        (tmp_path / "tags" / f"{host}.tags").write_bytes(words.encode(units + ahead, patterns))
+    topology = ("--topology", f"{ROOT}/docs/time-tags/played.py:Played", "--time", "stepped")
+    words_of_run = ["qkd", "--protocol", "bbm92", *topology, "--count", "10000"]
+    runs = tmp_path / "runs"
+    done = run_qmn("run", *words_of_run, "--bound", "asymptotic", "--runs", str(runs), cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    asking = json.loads((runs / "latest" / "result.json").read_text())["job"]["asking"]
+    error = sqrt(ERRORS * (1 - ERRORS) / asking["disclosed_bits"])
+    assert abs(asking["qber"] - ERRORS) < 5 * error
+    assert asking["key_bits"] > 0
+    # A slot has one tag with m e^-m, m = 1/2; both ends have chosen its basis with 1/8.
+    sifted = asking["photons"] * exp(-0.5) / 16
+    assert abs(asking["sifted_bits"] - sifted) < 5 * sqrt(sifted)
