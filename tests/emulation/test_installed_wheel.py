@@ -84,10 +84,15 @@ def test_an_installed_wheel_runs_a_network(wheel: Path, tmp_path: Path) -> None:
     assert "9 bytes, delivered exactly" in told
 
 
-def test_a_package_of_a_third_party_extends_it(wheel: Path, tmp_path: Path) -> None:
-    place = tmp_path / "environment"
-    installed(place, wheel, built(tmp_path / "dist", PLUGIN))
-    qmn = place / "bin" / "qmn"
+@pytest.fixture(scope="module")
+def qmn(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return qmn where it and the package of examples/plugin are installed."""
+    folder = tmp_path_factory.mktemp("extended")
+    installed(folder / "environment", wheel, built(folder / "dist", PLUGIN))
+    return folder / "environment" / "bin" / "qmn"
+
+
+def test_a_package_of_a_third_party_extends_it(qmn: Path, tmp_path: Path) -> None:
     output(tmp_path, qmn, "run", "coin", "--topology", "corridor,switches=3", "--policy", "lifo")
     run = tmp_path / "runs" / "latest"
     job = json.loads((run / "result.json").read_text())["job"]
@@ -96,15 +101,14 @@ def test_a_package_of_a_third_party_extends_it(wheel: Path, tmp_path: Path) -> N
     assert "counting: " in (run / "alice.log").read_text()  # by the hardware of the package
     assert "coin.agreed" in (run / "qmn.lua").read_text()
     assert "within 5 standard errors" in output(tmp_path, qmn, "lab", "published", "coins")
-    beats_the_scheduler(tmp_path, qmn)
 
 
-def beats_the_scheduler(folder: Path, qmn: Path) -> None:
-    """Do exercise 6 of the course: who came last is served first."""
-    runs = [folder / "fcfs", folder / "lifo"]
+def test_its_scheduler_passes_exercise_6_of_the_course(qmn: Path, tmp_path: Path) -> None:
+    """Who came last is served first."""
+    runs = [tmp_path / "fcfs", tmp_path / "lifo"]
     for place, more in zip(runs, ([], ["--policy", "lifo"]), strict=True):
-        output(folder, qmn, "run", *LOAD.split(), *more, "--runs", str(place))
+        output(tmp_path, qmn, "run", *LOAD.split(), *more, "--runs", str(place))
     words = [each for place in runs for each in ("--run", place / "latest")]
     answers = ROOT / "examples" / "solutions" / "answers.toml"
-    told = output(folder, qmn, "course", "check", "6", *words, "--answer", answers)
+    told = output(tmp_path, qmn, "course", "check", "6", *words, "--answer", answers)
     assert "missing" not in told
