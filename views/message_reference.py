@@ -41,7 +41,7 @@ def page() -> str:
         f"## Devices (UDP port {device.DEVICE_PORT})",
         f"Version {header.VERSION}, in datagrams.",
     ]
-    parts += messages(device_layouts(), device.KINDS)
+    parts += messages(device_layouts(), device.kinds())
     parts += ["## Optical properties of OpenFlow 1.4", *properties()]
     for name in ("dispatcher", "sabot", "record"):
         parts += [

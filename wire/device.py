@@ -12,7 +12,7 @@ SessionQuery                      ->
                               <-  Answer to SetDevice, to orders and to SessionQuery
                               <-  SessionEstimate, on its own (wire.monitor_messages)
 
-Key managers speak by datagrams like these (wire.key_routes), from a port of their own.
+Programs of packages speak by datagrams like these, from ports of their own (`qmn.datagrams`).
 
 The header's session field numbers a request and its answer. The HMAC (SHA-256, cut to 16
 bytes) covers everything before it, and who speaks; its key is the device key that the
@@ -24,16 +24,17 @@ import hmac
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from ipaddress import IPv4Address
 from typing import ClassVar
 
-from wire.key_routes import KeyLinks, KeyRoute, KeyRouteRequest, padded_name
 from wire.malformed import MalformedPacket
-from wire.metadata.header import HEADER, MAGIC, VERSION, Message
+from wire.metadata.header import HEADER, MAGIC, VERSION, Elements, Message, padded_name
 from wire.metadata.setup import Answer
 from wire.metadata.vocabulary import FEC_NAMES, Reason
 from wire.monitor_messages import GiveBack, SealOrder, SessionEstimate
 from wire.parameters.checks import check_number
+from wire.registered import DATAGRAMS, Registry
 
 DEVICE_PORT = 9012
 MAX_DATAGRAM = 1400  # never a fragment: switches do not see the ports of those
@@ -175,6 +176,7 @@ class DeviceReport(Message):
     """The state of a host. Counts are since its stack started."""
 
     KIND = 35
+    ELEMENTS = Elements("ports", PORT, ("name", "up"), 0, MAX_PORTS)
     FIELDS = struct.Struct(f"!HHHQQQQQQIIIIIIIIQQIIIB{_SETTINGS.size}s")
 
     sending: int = 0  # sessions that run
@@ -325,24 +327,33 @@ class SessionQuery(Message):
     about: int  # the session
 
 
-KINDS: dict[int, type[Message]] = {
-    kind.KIND: kind
-    for kind in (
-        DeviceQuery,
-        Subscribe,
-        SetDevice,
-        DeviceReport,
-        SwapOrder,
-        SealOrder,
-        GiveBack,
-        SessionQuery,
-        SessionEstimate,
-        KeyLinks,
-        KeyRouteRequest,
-        KeyRoute,
-        Answer,
-    )
-}
+OWN = (
+    DeviceQuery,
+    Subscribe,
+    SetDevice,
+    DeviceReport,
+    SwapOrder,
+    SealOrder,
+    GiveBack,
+    SessionQuery,
+    SessionEstimate,
+    Answer,
+)
+
+
+def _is_message(value: object) -> bool:
+    return isinstance(value, type) and issubclass(value, Message)
+
+
+@cache
+def kinds() -> dict[int, type[Message]]:
+    """Return the messages of datagrams by number; raise ImportError for a number that is taken."""
+    named = Registry[type[Message]](DATAGRAMS, _is_message, {each.__name__: each for each in OWN})
+    found: dict[int, type[Message]] = {}
+    for name, kind in named.items():
+        if found.setdefault(kind.KIND, kind) is not kind:
+            raise ImportError(f"{DATAGRAMS}: {name} has the number of {found[kind.KIND].__name__}")
+    return found
 
 
 @dataclass(frozen=True)
@@ -386,6 +397,6 @@ def _tag(key: str, speaker: bytes, data: bytes) -> bytes:
 
 def _decode(data: bytes) -> Message:
     magic, version, kind, length, session = HEADER.unpack_from(data)
-    if (magic, version, length) != (MAGIC, VERSION, len(data)) or kind not in KINDS:
+    if (magic, version, length) != (MAGIC, VERSION, len(data)) or kind not in kinds():
         raise MalformedPacket(f"device message: header {data[: HEADER.size].hex()}")
-    return KINDS[kind].parse(session, data[HEADER.size :])
+    return kinds()[kind].parse(session, data[HEADER.size :])

@@ -30,12 +30,12 @@ from applications.keys.refusals import (
     unavailable,
 )
 from applications.keys.relaying import Relaying, Send, stored_for
+from applications.keys.route_messages import KeyRoute
 from applications.keys.stored_keys import StoredKeys
 from applications.keys.waiting import WaitingKeys
 from applications.qkd.key_store import KEY_BITS, StoredKey
 from applications.qkd.keyring import CAPACITY
 from hosts.network_loop import now_s
-from wire.key_routes import KeyRoute
 
 ASSIGNED = ".assigned"  # folder of keys that wait for applications; no host is called so
 MIN_BITS = 8

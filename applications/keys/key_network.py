@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from applications.keys.route_messages import MAX_HOPS, KeyRouteRequest, LinkState
 from controller_apps.policy.policy import Policy
 from controller_apps.timeouts import SILENT_S
-from wire.key_routes import MAX_HOPS, KeyRouteRequest, LinkState
 
 MAX_APPLICATIONS = 4096  # the oldest is forgotten
 

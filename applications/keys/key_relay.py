@@ -25,8 +25,8 @@ from applications.keys.key_delivery import (
     decode_id,
     decode_name,
 )
+from applications.keys.route_messages import MAX_HOPS, TAG_BYTES, Hop
 from wire.bounded_json import decode_json
-from wire.key_routes import MAX_HOPS, TAG_BYTES, Hop
 from wire.malformed import MalformedPacket
 
 RELAY_PATH = "/qmn/relays"

@@ -1,7 +1,8 @@
 """Key relays: hears what key managers have, and chooses by whom keys of others are relayed.
 
-Key managers speak as node agents do (wire.key_routes), and their datagrams take the same way:
-up from the classical switch of their host, and back by it. All state belongs to this app's thread.
+Key managers speak as node agents do (applications.keys.route_messages), and their datagrams take
+the same way: up from the classical switch of their host, and back by it. All state belongs to this
+app's thread.
 """
 
 import time
@@ -11,17 +12,7 @@ from typing import Any
 
 from applications.keys.key_network import KeyNetwork, NoRoute, Stores, stores_of
 from applications.keys.key_view import PPM, keys_view
-from controller_apps.console.questions import EventQuestion, Refused, reply
-from controller_apps.devices.hosts_state import Place
-from controller_apps.light.optics import SwitchPort
-from controller_apps.openflow import flow_entries
-from controller_apps.openflow.framework import DEAD, MAIN, App, Datapath, ofp_event, ofproto, on
-from controller_apps.packets import CONTROLLER_MAC, Frame
-from controller_apps.policy.reading import BadPolicy, read_policy
-from controller_apps.record import PortLines, Record
-from wire.config import ControllerConfig
-from wire.device import DEVICE_PORT, Datagram, host_of, open_sealed
-from wire.key_routes import (
+from applications.keys.route_messages import (
     FROM_KEY_MANAGER,
     KEY_AGENT_PORT,
     TO_KEY_MANAGER,
@@ -32,6 +23,16 @@ from wire.key_routes import (
     KeyRouteRequest,
     route_tag,
 )
+from controller_apps.console.questions import EventQuestion, Refused, reply
+from controller_apps.devices.hosts_state import Place
+from controller_apps.light.optics import SwitchPort
+from controller_apps.openflow import flow_entries
+from controller_apps.openflow.framework import DEAD, MAIN, App, Datapath, ofp_event, ofproto, on
+from controller_apps.packets import CONTROLLER_MAC, Frame
+from controller_apps.policy.reading import BadPolicy, read_policy
+from controller_apps.record import PortLines, Record
+from wire.config import ControllerConfig
+from wire.device import DEVICE_PORT, Datagram, host_of, open_sealed
 from wire.malformed import MalformedPacket
 from wire.metadata.header import Message
 from wire.metadata.setup import Answer

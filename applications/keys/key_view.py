@@ -8,7 +8,7 @@ from typing import Any
 from uuid import NAMESPACE_DNS, uuid5
 
 from applications.keys.key_network import Application, KeyNetwork
-from wire.key_routes import UNKNOWN, LinkState
+from applications.keys.route_messages import UNKNOWN, LinkState
 
 _NAMESPACE = uuid5(NAMESPACE_DNS, "nodes.qmn.example")
 PPM = 1e6

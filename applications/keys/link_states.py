@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 from applications.keys.config import KeyManagerConfig
 from applications.keys.delivery import KeyDelivery
+from applications.keys.route_messages import UNKNOWN, LinkState
 from applications.keys.sessions import Outcome
 from applications.qkd.key_store import KEY_BITS
-from wire.key_routes import UNKNOWN, LinkState
 
 RATE_WINDOW_S = 60.0  # over which the rate of secret key is measured
 PPM = 1_000_000

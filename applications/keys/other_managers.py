@@ -14,8 +14,8 @@ from applications.keys.key_assignment import ASSIGNMENT_PATH, Assignment
 from applications.keys.key_delivery import MAX_REQUEST, decode_refusal
 from applications.keys.key_relay import RELAY_PATH
 from applications.keys.refusals import BAD_REQUEST, unavailable
+from applications.keys.route_messages import MAX_HOPS
 from hosts.timeouts import ANSWER_TIMEOUT_S, CONNECT_TIMEOUT_S
-from wire.key_routes import MAX_HOPS
 from wire.malformed import MalformedPacket
 
 LEAST = ssl.TLSVersion.TLSv1_2

@@ -17,10 +17,10 @@ from applications.keys.config import KeyManagerConfig, manager_name
 from applications.keys.key_delivery import DeliveredKey
 from applications.keys.key_relay import Relay, decode_sealed, encode_sealed
 from applications.keys.refusals import Refused, bad_request, unauthorized, unavailable
+from applications.keys.route_messages import ROUTE_S, KeyRoute, route_tag
 from applications.keys.stored_keys import StoredKeys
 from applications.qkd.authentication import PAD_BYTES, POINT_BYTES, Authenticator, KeyPool
 from applications.qkd.key_store import KEY_BITS
-from wire.key_routes import ROUTE_S, KeyRoute, route_tag
 
 NS = 1e9
 Send = Callable[[str, bytes], Awaitable[None]]  # a body to a host's key manager; raises Refused

@@ -1,7 +1,8 @@
 """Talk of a key manager with the controller: links, and routes for relayed keys.
 
-Datagrams of wire.key_routes, which the classical switch takes up to the controller and to nobody
-else. Any may be lost: links are reported again and again, a question until it is answered.
+Datagrams of applications.keys.route_messages, which the classical switch takes up to the controller
+and to nobody else. Any may be lost: links are reported again and again, a question until it is
+answered.
 """
 
 import asyncio
@@ -13,10 +14,7 @@ from typing import cast
 
 from applications.keys.config import KeyManagerConfig
 from applications.keys.refusals import Refused, unavailable
-from applications.timeouts import LINKS_PERIOD_S, ROUTE_PAUSE_S, ROUTE_TIMEOUT_S
-from hosts.network_loop import wall_sleep, wall_timeout
-from wire.device import DEVICE_PORT, Datagram, open_sealed
-from wire.key_routes import (
+from applications.keys.route_messages import (
     FROM_KEY_MANAGER,
     KEY_AGENT_PORT,
     MAX_LINKS,
@@ -26,6 +24,9 @@ from wire.key_routes import (
     KeyRouteRequest,
     LinkState,
 )
+from applications.timeouts import LINKS_PERIOD_S, ROUTE_PAUSE_S, ROUTE_TIMEOUT_S
+from hosts.network_loop import wall_sleep, wall_timeout
+from wire.device import DEVICE_PORT, Datagram, open_sealed
 from wire.malformed import MalformedPacket
 from wire.metadata.header import Message
 from wire.metadata.setup import Answer

@@ -62,7 +62,6 @@ from wire.device import (
     SessionQuery,
     check_settings,
 )
-from wire.key_routes import KEY_AGENT_PORT
 from wire.malformed import MalformedPacket
 from wire.metadata.header import Message
 from wire.metadata.setup import Answer
@@ -224,8 +223,8 @@ class DeviceMonitor(App):
             return
         try:
             datagram = Frame.decode(frame)
-            if datagram.source_port == KEY_AGENT_PORT:
-                return  # of a key manager
+            if datagram.source_port != DEVICE_PORT:
+                return  # of no node agent, but of a package's program
             place = Place(
                 message.datapath.id,
                 message.match["in_port"],

@@ -28,6 +28,7 @@ from applications.ip_over_light import ip_packet
 from applications.ip_over_light.lost_packet import Packet
 from applications.key_distribution.under_way import Cutter
 from applications.keys import key_assignment, key_delivery, key_relay
+from applications.keys.route_messages import Hop, KeyLinks, LinkState
 from applications.netqasm import text_format
 from applications.processing_unit import messages, pair_requests, subroutine
 from applications.qkd import messages as qkd
@@ -61,7 +62,6 @@ from wire.analyser_frames import (
 )
 from wire.dispatcher_pb2 import BlockId, Event
 from wire.features import EVERYTHING, NodeFeatures
-from wire.key_routes import Hop, KeyLinks, LinkState
 from wire.lldp import announcement
 from wire.malformed import MalformedPacket
 from wire.metadata.decoding import decode

@@ -286,7 +286,7 @@ NOT_WAITS = {
     "topologies/links/copper_link.py": {"LEAST_DELAY_S"},
     "wire/lldp.py": {"PERIOD_S", "LONGEST_PERIOD_S"},
     "wire/device.py": {"PERIODS_S"},
-    "wire/key_routes.py": {"ROUTE_S"},
+    "applications/keys/route_messages.py": {"ROUTE_S"},
 }
 
 

@@ -21,7 +21,7 @@ from views.dissection.layout import (
     placed,
     settings_fields,
 )
-from wire import device, dispatcher_pb2, events, key_routes, monitor_messages, optical
+from wire import device, dispatcher_pb2, events, monitor_messages, optical
 from wire.analyser_frames import EMIT, ETHER_TYPE, HEAD, HERALDS, MAGIC, Emission, End
 from wire.config import DISPATCHER_PORT
 from wire.dispatcher_pb2 import Event
@@ -104,9 +104,9 @@ def _device() -> dict[str, Any]:
         "port": device.DEVICE_PORT,
         "max_length": device.MAX_DATAGRAM,
         "counts": {
-            "ports": {"least": 0, "most": device.MAX_PORTS},
-            "links": {"least": 0, "most": key_routes.MAX_LINKS},
-            "hops": {"least": 2, "most": key_routes.MAX_HOPS},
+            each.name: {"least": each.least, "most": each.most}
+            for kind in device.kinds().values()
+            if (each := kind.ELEMENTS)
         },
         "max_repeaters": device.MAX_REPEATERS,
         "most_estimate": monitor_messages.MOST,

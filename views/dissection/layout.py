@@ -13,8 +13,7 @@ from types import MappingProxyType
 from typing import Any
 
 from wire import device
-from wire.device import DeviceReport, DeviceSettings
-from wire.key_routes import HOP, LINK, KeyLinks, KeyRoute, LinkState
+from wire.device import DeviceSettings
 from wire.metadata.blocks import Block, Frame, Report
 from wire.metadata.decoding import KINDS
 from wire.metadata.header import Message
@@ -79,7 +78,7 @@ def metadata_layouts() -> list[Layout]:
 
 
 def device_layouts() -> list[Layout]:
-    return [_layout(kind) for kind in device.KINDS.values()]
+    return [_layout(kind) for kind in device.kinds().values()]
 
 
 def settings_fields() -> tuple[Field, ...]:
@@ -149,13 +148,8 @@ def _tails(kind: type[Message]) -> tuple[Tail, ...]:
         return (Tail("failed", COUNTED, number), Tail(fields(kind)[-1].name, BYTES))
     if kind in (Values, Envelope):
         return (Tail(fields(kind)[-1].name, BYTES),)
-    if kind is DeviceReport:
-        return (Tail("ports", UNTIL_END, placed(device.PORT, ["name", "up"])),)
-    if kind is KeyLinks:
-        names = [item.name for item in fields(LinkState)]
-        return (Tail("links", UNTIL_END, placed(LINK, names)),)
-    if kind is KeyRoute:
-        return (Tail("hops", UNTIL_END, placed(HOP, ["node", "tag"])),)
+    if each := kind.ELEMENTS:
+        return (Tail(each.name, UNTIL_END, placed(each.form, list(each.names))),)
     return ()
 
 

@@ -29,11 +29,23 @@ E = TypeVar("E", bound=IntEnum)
 
 
 @dataclass(frozen=True)
+class Elements:
+    """The entries of a message behind its fixed fields, until its end."""
+
+    name: str
+    form: struct.Struct
+    names: tuple[str, ...]  # of its fields
+    least: int  # how many there are
+    most: int
+
+
+@dataclass(frozen=True)
 class Message:
     """Header and fixed fields; a kind with a variable part overrides encode and parse."""
 
     KIND: ClassVar[int]
     FIELDS: ClassVar[struct.Struct]
+    ELEMENTS: ClassVar[Elements | None] = None
 
     session: int
 
@@ -65,6 +77,17 @@ def member(kind: type[E], value: int) -> E:
         return kind(value)
     except ValueError as error:
         raise MalformedPacket(f"unknown {kind.__name__.lower()} {value}") from error
+
+
+def padded_name(padded: bytes) -> str:
+    """Return the name in a field; raise MalformedPacket for anything else."""
+    try:
+        name = padded.rstrip(b"\0").decode("ascii")
+    except UnicodeDecodeError as error:
+        raise MalformedPacket(f"name {padded!r} is not ASCII") from error
+    if not name or not name.isprintable():
+        raise MalformedPacket(f"name {padded!r} is not a name")
+    return name
 
 
 def session_of(message: bytes) -> int:

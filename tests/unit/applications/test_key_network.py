@@ -7,10 +7,10 @@ import pytest
 
 from applications.keys.key_network import KeyNetwork, NoRoute
 from applications.keys.key_view import identifier, keys_view
+from applications.keys.route_messages import KeyRouteRequest, LinkState
 from controller_apps.policy.policy import Policy, Trusted
 from controller_apps.policy.reading import parse_policy
 from controller_apps.timeouts import SILENT_S
-from wire.key_routes import KeyRouteRequest, LinkState
 
 NODES = [f"10.0.0.{number}" for number in range(1, 8)]
 NAMES = {node: f"h{number}" for number, node in enumerate(NODES, 1)}

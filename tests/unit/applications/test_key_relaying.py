@@ -17,10 +17,10 @@ from applications.keys.key_network import KeyNetwork, NoRoute
 from applications.keys.key_relay import Relay, decode_sealed, encode_sealed
 from applications.keys.link_states import KeyLinkStates
 from applications.keys.refusals import Refused, unavailable
+from applications.keys.route_messages import ROUTE_S, Hop, KeyRoute, KeyRouteRequest, route_tag
 from applications.qkd.key_store import StoredKey
 from controller_apps.policy.reading import parse_policy
 from hosts import network_loop
-from wire.key_routes import ROUTE_S, Hop, KeyRoute, KeyRouteRequest, route_tag
 from wire.malformed import MalformedPacket
 
 HOSTS = {"alice": "10.0.0.1", "bob": "10.0.0.2", "r1": "10.0.0.11", "r2": "10.0.0.12"}

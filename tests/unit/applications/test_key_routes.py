@@ -5,9 +5,9 @@ import logging
 import pytest
 
 from applications.keys.config import KeyManagerConfig
+from applications.keys.route_messages import TO_KEY_MANAGER, Hop, KeyRoute
 from applications.keys.routes import Routes
 from wire.device import Datagram
-from wire.key_routes import TO_KEY_MANAGER, Hop, KeyRoute
 
 KEY = "5a" * 16
 HOPS = Hop("10.0.0.1"), Hop("10.0.0.2")

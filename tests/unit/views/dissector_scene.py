@@ -4,6 +4,7 @@ import hmac
 import random
 from contextlib import suppress
 
+from applications.keys.route_messages import Hop, KeyLinks, KeyRoute, KeyRouteRequest, LinkState
 from views.dissection.layout import Layout
 from wire.device import (
     Datagram,
@@ -19,7 +20,6 @@ from wire.device import (
 )
 from wire.dispatcher_pb2 import BlockId, Event
 from wire.events import decode_record
-from wire.key_routes import Hop, KeyLinks, KeyRoute, KeyRouteRequest, LinkState
 from wire.malformed import MalformedPacket
 from wire.metadata.blocks import Block, Emission, Emit, Emitted, Finish, Frame, Report
 from wire.metadata.decoding import decode, message_length

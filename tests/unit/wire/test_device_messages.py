@@ -6,6 +6,16 @@ from math import inf, nan
 
 import pytest
 
+from applications.keys.route_messages import (
+    MAX_HOPS,
+    MAX_LINKS,
+    Hop,
+    KeyLinks,
+    KeyRoute,
+    KeyRouteRequest,
+    LinkState,
+    route_tag,
+)
 from wire.device import (
     MAX_PORTS,
     Datagram,
@@ -20,16 +30,6 @@ from wire.device import (
     open_sealed,
     setting_name,
     setting_number,
-)
-from wire.key_routes import (
-    MAX_HOPS,
-    MAX_LINKS,
-    Hop,
-    KeyLinks,
-    KeyRoute,
-    KeyRouteRequest,
-    LinkState,
-    route_tag,
 )
 from wire.malformed import MalformedPacket
 from wire.metadata.header import HEADER, Message

@@ -11,13 +11,7 @@ from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 
 from applications.keys.key_relays import KeyRelays
-from controller_apps.console.questions import EventQuestion
-from controller_apps.openflow import framework
-from controller_apps.openflow.framework import ofp_event, parser
-from controller_apps.record import Record
-from wire.config import ControllerConfig
-from wire.device import DEVICE_PORT, Datagram, DeviceQuery, open_sealed
-from wire.key_routes import (
+from applications.keys.route_messages import (
     FROM_KEY_MANAGER,
     KEY_AGENT_PORT,
     TO_KEY_MANAGER,
@@ -27,6 +21,12 @@ from wire.key_routes import (
     LinkState,
     route_tag,
 )
+from controller_apps.console.questions import EventQuestion
+from controller_apps.openflow import framework
+from controller_apps.openflow.framework import ofp_event, parser
+from controller_apps.record import Record
+from wire.config import ControllerConfig
+from wire.device import DEVICE_PORT, Datagram, DeviceQuery, open_sealed
 from wire.metadata.header import Message
 from wire.metadata.setup import Answer
 from wire.metadata.vocabulary import Reason

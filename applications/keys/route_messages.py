@@ -14,23 +14,11 @@ key, by which it knows that the controller has chosen this route, and when.
 import hmac
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from ipaddress import IPv4Address
 
 from wire.malformed import MalformedPacket
-from wire.metadata.header import Message
-
-
-def padded_name(padded: bytes) -> str:
-    """Return the name in a field; raise MalformedPacket for anything else."""
-    try:
-        name = padded.rstrip(b"\0").decode("ascii")
-    except UnicodeDecodeError as error:
-        raise MalformedPacket(f"name {padded!r} is not ASCII") from error
-    if not name or not name.isprintable():
-        raise MalformedPacket(f"name {padded!r} is not a name")
-    return name
-
+from wire.metadata.header import Elements, Message, padded_name
 
 KEY_AGENT_PORT = 9018
 FROM_KEY_MANAGER, TO_KEY_MANAGER = b"key manager", b"controller to key manager"
@@ -57,9 +45,13 @@ class LinkState:
     withheld: bool = False  # whether no key goes out, for too many errors
 
 
+LINK_NAMES = tuple(each.name for each in fields(LinkState))
+
+
 @dataclass(frozen=True)
 class KeyLinks(Message):
     KIND = 37
+    ELEMENTS = Elements("links", LINK, LINK_NAMES, 0, MAX_LINKS)
     FIELDS = struct.Struct("!")
 
     links: tuple[LinkState, ...] = ()
@@ -114,6 +106,7 @@ class KeyRoute(Message):
     """By whom keys go; two hops are a direct link."""
 
     KIND = 39
+    ELEMENTS = Elements("hops", HOP, ("node", "tag"), 2, MAX_HOPS)
     FIELDS = struct.Struct("!QI")
 
     issued_ns: int  # by the controller's clock
