@@ -25,6 +25,7 @@ from wire.parameters.physics import Detectors, Device, PairSource
 
 SEEDS = range(1, 51)
 PULSES = 10_000
+SHARES = 0.5, 0.3, 0.2
 KEY = bytes(range(16))
 
 
@@ -88,7 +89,7 @@ async def exchanged(config: DispatcherConfig, rate_hz: int, pulses: int = PULSES
     alice, bob = laboratory.host("alice"), laboratory.host("bob")
     await laboratory.connect("q1", {1: 2})
     seen = list[int]()
-    await alice.emit(pulses, 2, KEY, (0.5, 0.3, 0.2))
+    await alice.emit(pulses, 2, KEY, SHARES)
     await alice.send({(2, 0): "alice-q0"}, rate_hz)
     await bob.receive((2, 0), "bob-q0")
     for values in await bob.clicks((2, 0), KEY):
@@ -114,6 +115,36 @@ def test_what_clicks_is_the_same_if_every_photon_is_simulated(
     assert set(sparse) > {NO_CLICK}
     monkeypatch.setattr(WeakPulses, "photons", every_photon)
     assert uvloop.run(exchanged(config, rate_hz)) == sparse
+
+
+async def counted(config: DispatcherConfig, rate_hz: int) -> list[float]:
+    """Return photons that are lost, into the switch, lost there, and out of it."""
+    laboratory = Laboratory(config)
+    await laboratory.connect("q1", {1: 2})
+    await laboratory.host("alice").emit(PULSES, 0, KEY, SHARES)
+    await laboratory.host("alice").send({(0, 0): "alice-q0"}, rate_hz)
+    near, far = (laboratory.layer.network.switches["q1"].ports[port] for port in (1, 2))
+    return [
+        laboratory.layer.photons_lost,
+        near.photons_in,
+        near.photons_lost,
+        far.photons_out,
+    ]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_counters_on_the_way_are_those_of_the_lost_photons(seed: int) -> None:
+    """Losses leave a Poisson distribution one, of the mean that comes through."""
+    config, rate_hz = chosen(np.random.default_rng(seed))
+    (first, second), (switch,) = config.fibers, config.switches
+    photons = PULSES * np.dot(SHARES, config.devices["alice"].source.intensities)
+    through = [photons]
+    for loss_db in (first.loss_db, switch.insertion_loss_db, second.loss_db):
+        through.append(through[-1] * 10 ** (-loss_db / 10))
+    lost = photons - through[3]
+    expected = [lost, through[1], through[1] - through[2], through[2]]
+    for seen, mean in zip(uvloop.run(counted(config, rate_hz)), expected, strict=True):
+        assert abs(seen - mean) <= 5 * math.sqrt(mean)
 
 
 def test_a_billion_pulses_have_the_gains_and_errors_of_their_intensities() -> None:
