@@ -311,6 +311,8 @@ class Flight:
         beam.dispersion_ps_per_nm += line.fiber.dispersion_ps_per_nm
         encoding = block.pulses.encoding
         models = {name: each for name, each in line.noise.items() if meets(encoding, each)}
+        if block.weak is not None:
+            models = {name: weak_light.steady(each, schedule) for name, each in models.items()}
         if not self._draw_for(beam, obstacle(encoding, models.values())):
             return
         for name, model in models.items():

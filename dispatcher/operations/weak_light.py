@@ -16,7 +16,14 @@ from dispatcher.devices.detector import Slots, Train
 from dispatcher.devices.detectors import Detection, ExtraBits
 from dispatcher.devices.source import misprepared
 from dispatcher.fiber.fiber_noise import obstacle
-from dispatcher.fiber.noise import MEMORYLESS, Loss, Memoryless, NoiseModel
+from dispatcher.fiber.noise import (
+    MEMORYLESS,
+    Loss,
+    Memoryless,
+    NoiseModel,
+    PauliChannel,
+    Schedule,
+)
 from dispatcher.layer import pulses
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block, BlockName, ExtraPairs
@@ -28,6 +35,7 @@ from dispatcher.layer.weak_pulses import (
     weak_pulses,
 )
 from dispatcher.operations import emission
+from dispatcher.operations.adjustment import Tap
 from dispatcher.operations.paths import Step, path_of
 from dispatcher.photon_random import PhotonRandom, PhotonsByKey, Source
 from dispatcher.refusal import exhausted
@@ -67,6 +75,15 @@ def require(layer: PhysicalLayer, name: BlockName, node: str) -> Block:
     block = layer.ownership.require(name, node)
     draw(layer, f"an operation of {node}", block)
     return block
+
+
+def steady(model: NoiseModel, schedule: Schedule) -> NoiseModel:
+    """Return a tap as the Pauli channel that it is, unless it changes while the light passes."""
+    if not isinstance(model, Tap):
+        return model
+    during = schedule.first_ns, schedule.last_ns
+    least, most = model.fraction.lowest(*during), model.fraction.highest(*during)
+    return PauliChannel(most / 4, 0.0, most / 4) if least == most else model
 
 
 def meet(light: WeakPulses, model: NoiseModel, random: PhotonRandom) -> int:
@@ -112,7 +129,8 @@ def prepare(layer: PhysicalLayer, block: Block, end: FiberEnd, frequency_mhz: in
 
 def _is_obstacle(step: Step, block: Block) -> bool:
     strays = step.crossing is not None and step.crossing.switch.config.crosstalk_db is not None
-    return strays or bool(obstacle(block.pulses.encoding, step.line.noise.values()))
+    models = (each for each in step.line.noise.values() if not isinstance(each, Tap))
+    return strays or bool(obstacle(block.pulses.encoding, models))
 
 
 def draw(layer: PhysicalLayer, why: str, *blocks: Block) -> None:

@@ -14,11 +14,12 @@ from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block
 from dispatcher.layer.weak_pulses import Photons, WeakPulses
 from dispatcher.operations import weak_light
+from dispatcher.operations.adjustment import adjust
 from dispatcher.refusal import Refusal
 from dispatcher.sabot.backend import Bytes
 from evidence.laboratory import Laboratory
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
-from wire.dispatcher_pb2 import CreateRequest, PulseKey
+from wire.dispatcher_pb2 import AdjustFiberRequest, CreateRequest, PulseKey
 from wire.keyed import KeyedChoices
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import Detectors, Device, PairSource
@@ -251,3 +252,29 @@ def test_noise_that_is_not_of_each_photon_has_all_pulses_drawn(
     if "pdl_db" not in noise:  # which loses some
         transmission = 10 ** (-noise.get("connectors_db", 0) / 10)
         assert within(seen, PULSES, -math.expm1(-0.5 * transmission))
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.4])
+def test_a_tap_leaves_long_blocks_sparse_and_errs_with_a_quarter(fraction: float) -> None:
+    devices = {"alice": Device(PairSource("poisson", 0.5))}
+    fiber = Fiber(FiberEnd("alice", "alice-q0"), FiberEnd("bob", "bob-q0"), connectors_db=40.0)
+    config = DispatcherConfig("", "", 1, {"alice": ""}, [fiber], [], devices=devices)
+    count, theirs = 1_000_000_000, KEY[::-1]
+
+    async def act() -> tuple[NDArray[np.int64], Bytes, list[str]]:
+        laboratory = Laboratory(config)
+        for tapped in (1.0, fraction):
+            adjust(laboratory.layer, "", AdjustFiberRequest(a="alice", b="bob", tapped=tapped))
+        await laboratory.wait(1)
+        alice, bob = laboratory.host("alice"), laboratory.host("bob")
+        await alice.emit(count, 0, KEY)
+        await alice.send({(0, 0): "alice-q0"})
+        await bob.receive((0, 0), "bob-q0")
+        return *await bob.clicks((0, 0), theirs), list(laboratory.layer.drawn_for)
+
+    at, bits, drawn_for = uvloop.run(act())
+    assert not drawn_for
+    sent = KeyedChoices(KEY, count)
+    same = KeyedChoices(theirs, count).bases(at) == sent.bases(at)
+    wrong = same & (bits != sent.states(at) & 1)
+    assert within(int(wrong.sum()), int(same.sum()), fraction / 4)
