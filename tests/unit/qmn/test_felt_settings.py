@@ -1,5 +1,6 @@
 """Settings of devices that a job would not feel are refused by name, with the one that acts."""
 
+import re
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -160,6 +161,13 @@ def test_heavy_traffic_refuses_what_no_session_of_it_feels(service: str, word: s
 )
 def test_heavy_traffic_takes_what_acts_in_some_session(word: str, options: dict[str, Any]) -> None:
     check_load(word, **options)
+
+
+def test_of_traffic_one_way_whose_source_is_who_asks_the_asked_make_no_pairs() -> None:
+    one_way = {"service": "distribute", "source": "own", "senders": "alice", "receivers": "bob"}
+    check_load(f"alice.{FIDELITY}", **one_way)
+    with pytest.raises(BadInput, match=f"--device bob.{re.escape(FIDELITY)}: "):
+        check_load(f"bob.{FIDELITY}", **one_way)
 
 
 def check_load(word: str, **options: Any) -> None:
