@@ -15,6 +15,10 @@ LINKS_PERIOD_S = 1.0  # between two reports of key links to the controller
 ROUTE_PAUSE_S = 0.3  # until the controller is asked again by whom keys can go
 ROUTE_TIMEOUT_S = 3.0  # until it has answered
 
+# Telemetry of switches, by the wall
+TELEMETRY_PERIOD_S = 1.0  # between two looks, unless a subscription says another
+TELEMETRY_LEAST_S = 0.1  # the shortest that it can say
+
 # Interception
 RESENT_TIMEOUT_S = 1.0  # for light that has come to an interceptor; its session may be over
 

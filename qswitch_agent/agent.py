@@ -13,6 +13,7 @@ from qswitch_agent.switch import Switch
 from qswitch_agent.timeouts import HOLD_DEADLINE_S
 from wire.config import AgentConfig, BadConfig
 from wire.parameters.switch import inner_ports
+from wire.registered import TELEMETRY, load, registered
 
 
 class Agent:
@@ -82,9 +83,9 @@ class Agent:
     def _telemetry(self) -> AbstractAsyncContextManager[None]:
         if not self._config.gnmi:
             return nullcontext()
-        from qswitch_agent.telemetry.service import serving
-
-        return serving(self._config, self._switch)
+        (serving,) = (load(each) for each in registered(TELEMETRY).values())
+        found: AbstractAsyncContextManager[None] = serving(self._config, self._switch)
+        return found
 
     async def _start(self) -> None:
         """Make the cross-connects of the table as it is, then let the bridge connect."""

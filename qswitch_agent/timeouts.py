@@ -9,10 +9,6 @@ CLOSE_DEADLINE_S = 0.5  # until a closed connection has taken its last messages
 FIRST_RETRY_S = 0.05  # until the controller is called again at first
 LAST_RETRY_S = 1.0  # the same, in the end
 
-# Telemetry
-TELEMETRY_PERIOD_S = 1.0  # between two looks, unless a subscription says another
-TELEMETRY_LEAST_S = 0.1  # the shortest that it can say
-
 # Optics
 CONDITION_DEADLINE_S = 15.0  # until the hardware has reported its condition, as a network starts
 CALL_DEADLINE_S = 4.0  # until the hardware has executed a command

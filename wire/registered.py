@@ -16,6 +16,7 @@ SERVICE_VERBS = "qmn.service_verbs"  # qmn.requests.service_verbs.Verb, by its n
 REQUESTS = "qmn.requests"  # dataclass of a request, by the service that a result names
 PROGRAMS = "qmn.programs"  # qmn.network.programs.NetworkProgram, for `qmn cli`
 DISSECTORS = "qmn.dissectors"  # a module with LUA, a script, and tables() that it reads
+TELEMETRY = "qmn.telemetry"  # what serves that of a quantum switch: of AgentConfig and Switch
 DATAGRAMS = "qmn.datagrams"  # a class of wire.metadata.header.Message: wire.device carries it
 HARDWARE = "qmn.hardware"  # a class of hosts.hardware.qnic.Qnic
 NOISE = "qmn.noise"  # a class with a method effect

@@ -11,6 +11,7 @@ from qmn.options import BadInput, check_ranges
 from qmn.project import remedy as remedy_of
 from wire.parameters.checks import NEAR, remedy
 from wire.parameters.network import FRAMEWORKS
+from wire.registered import TELEMETRY, registered
 
 FROM_TO, LINE = "--from and --to", "--line"  # by which a user says who takes part
 
@@ -36,6 +37,8 @@ def check_network(options: NetworkOptions) -> None:
         check_module(module)
     if options.keys and Path(options.keys).exists():
         raise BadInput(f"--keys {options.keys} exists: name a new folder for each network")
+    if options.gnmi and len(registered(TELEMETRY)) != 1:
+        raise BadInput("--gnmi: one package serves telemetry of switches; install it")
     if options.tags and Path(options.tags).exists():
         raise BadInput(f"--tags {options.tags} exists: name a new folder for each network")
     clocks = [word for word in options.device if ".detectors.clock_" in word]

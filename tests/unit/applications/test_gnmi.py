@@ -16,7 +16,16 @@ from pygnmi.create_gnmi_path import gnmi_path_generator
 from pygnmi.spec.v080 import gnmi_pb2 as gnmi
 from pygnmi.spec.v080.gnmi_pb2_grpc import add_gNMIServicer_to_server, gNMIStub
 
-import qswitch_agent.telemetry
+import applications.telemetry
+from applications.telemetry.open_config import Fiber, Leaf, Observed, found, leaves
+from applications.telemetry.service import (
+    MAX_PATHS,
+    MAX_STREAMS,
+    Telemetry,
+    Unusable,
+    path_of,
+    require_encoding,
+)
 from qswitch_agent.hardware.optics import (
     CircuitReading,
     CrossConnect,
@@ -24,15 +33,6 @@ from qswitch_agent.hardware.optics import (
     PortReading,
     Quantity,
     Readings,
-)
-from qswitch_agent.telemetry.open_config import Fiber, Leaf, Observed, found, leaves
-from qswitch_agent.telemetry.service import (
-    MAX_PATHS,
-    MAX_STREAMS,
-    Telemetry,
-    Unusable,
-    path_of,
-    require_encoding,
 )
 from topologies.system.runs.runtime import free_port
 from wire.optical import ALL_VALID, ANY_PORT, VALID_RX_PWR, PathOptics, PortLight
@@ -196,7 +196,7 @@ def test_capabilities_name_models_and_encodings(served: Served) -> None:
     models = {model["name"]: model for model in told["supported_models"]}
     assert "openconfig-platform" in models
     assert all(model["organization"] and model["version"] for model in models.values())
-    module = (Path(qswitch_agent.telemetry.__file__).parent / "qmn-light.yang").read_text()
+    module = (Path(applications.telemetry.__file__).parent / "qmn-light.yang").read_text()
     own = models["qmn-light"]
     assert f'organization "{own["organization"]}";' in module
     assert re.findall(r"revision ([0-9-]+) ", module)[0] == own["version"]  # the newest is first

@@ -21,12 +21,7 @@ import grpc
 from pygnmi.spec.v080 import gnmi_pb2 as gnmi
 from pygnmi.spec.v080.gnmi_pb2_grpc import add_gNMIServicer_to_server, gNMIServicer
 
-from programs.connection_shares import StreamServer, grpc_options
-from programs.metrics import inherited
-from programs.relay import relay
-from qswitch_agent.hardware.optics import HardwareFault
-from qswitch_agent.switch import Switch
-from qswitch_agent.telemetry.open_config import (
+from applications.telemetry.open_config import (
     MODELS,
     Element,
     Fiber,
@@ -38,7 +33,12 @@ from qswitch_agent.telemetry.open_config import (
     found,
     leaves,
 )
-from qswitch_agent.timeouts import TELEMETRY_LEAST_S, TELEMETRY_PERIOD_S
+from applications.timeouts import TELEMETRY_LEAST_S, TELEMETRY_PERIOD_S
+from programs.connection_shares import StreamServer, grpc_options
+from programs.metrics import inherited
+from programs.relay import relay
+from qswitch_agent.hardware.optics import HardwareFault
+from qswitch_agent.switch import Switch
 from wire.config import AgentConfig, BadConfig
 
 VERSION = "0.8.0"
