@@ -107,7 +107,7 @@ def _beside(host: str, parts: Description) -> str:
     return min(next(ends, {host}))
 
 
-BLOCK_PHOTONS = 200_000  # of a laser that may click
+BLOCK_PHOTONS = 50_000  # of a laser that may click
 
 
 def laser_pulses(opener: str, acceptor: str, parts: Description, rate_hz: int) -> int:
