@@ -53,8 +53,7 @@ def dip(path):
 
 if __name__ == "__main__":
     if sys.argv[1] == "dip":
-        for path in sys.argv[2:]:
-            print(path, f"{dip(path):.4f}")
+        print(*(f"{path} {dip(path):.4f}" for path in sys.argv[2:]), sep="\n")
     else:
         (a, _), (b, seen) = map(read, sys.argv[1:3])
         print(f"bob is ahead by {offset(a, b) * UNIT_NS} ns")
