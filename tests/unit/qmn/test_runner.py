@@ -1,7 +1,7 @@
 """How a runner follows programs, ends those that a failure leaves, and sums up light."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from recorded_run import service_run
 from rich.console import Console
+from stepping import SINCE_NS, stands, stepping
 
 from hosts.middleware.services.teleportation.teleport import TeleportOptions
 from qmn.jobs import run_context, runner, transfer
@@ -16,7 +17,7 @@ from qmn.jobs.runner import Job
 from qmn.jobs.transfer import Lines, TransferError, follow_all
 from topologies.system.processes.programs import NetworkError, Program
 from wire.dispatcher_pb2 import StatusReply
-from wire.network_time import NetworkTime, SteppedTime
+from wire.network_time import GateClient, NetworkTime, SteppedTime
 from wire.results.run_result import ServiceJob
 
 
@@ -132,29 +133,33 @@ def test_programs_that_a_failure_leaves_end_and_the_network_says_why(
     assert network.commands["1-asking"][-4:] == ["alice.sock", "teleport", "7", "bob"]
 
 
-@pytest.mark.parametrize(
-    ("time", "words"),
-    [
-        (NetworkTime(5.0), ["--time-scale", "5.0"]),
-        (SteppedTime(1.0, 0, "gate"), ["--time-folder", "gate"]),
-    ],
-)
 def test_who_sends_a_file_knows_the_time_of_the_network(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, time: NetworkTime, words: list[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """While programs start, stepped time stands."""
     monkeypatch.setattr(runner, "follow", lambda *_: {"event": "done"})
     started: dict[str, list[str]] = {}
-
-    def start(_host: str, role: str, given: list[str]) -> Any:
-        started[role] = given
-        return SimpleNamespace(wait_for=lambda *_: None)
-
-    network: Any = Standing(tmp_path, time=time)
+    stood: list[bool] = []
     file = tmp_path / "message"
-    left = tmp_path, ServiceJob()
-    runner._use(network, job(file=file), start, left, lambda _: None, lambda: None)  # type: ignore[arg-type]
-    assert started["asked"] == ["--output", str(tmp_path / "received")]
-    assert started["asking"][-4:] == ["--file", str(file), *words]
+
+    def asking(time: NetworkTime) -> list[str]:
+        def start(_host: str, role: str, given: list[str]) -> Any:
+            started[role] = given
+            return SimpleNamespace(
+                wait_for=lambda *_: stood.append(isinstance(time, SteppedTime) and stands(time))
+            )
+
+        network: Any = Standing(tmp_path, time=time)
+        left = tmp_path, ServiceJob()
+        runner._use(network, job(file=file), start, left, lambda _: None, lambda: None)  # type: ignore[arg-type]
+        assert started["asked"] == ["--output", str(tmp_path / "received")]
+        return started["asking"][-4:]
+
+    assert asking(NetworkTime(5.0)) == ["--file", str(file), "--time-scale", "5.0"]
+    with stepping() as gate, closing(GateClient(gate.time)) as other:
+        other.wait_for(SINCE_NS + 1)
+        assert asking(gate.time) == ["--file", str(file), "--time-folder", gate.time.folder]
+    assert stood == [False, True]
 
 
 def test_what_a_job_has_done_is_delivered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
