@@ -19,7 +19,7 @@ def add_parser(verbs: Any) -> None:
     acts = parser.add_subparsers(metavar="ACT", required=True)
     acts.add_parser("list", help="the exercises").set_defaults(call=show)
     check = acts.add_parser("check", help="which parts of an exercise are done")
-    check.add_argument("number", type=int, choices=EXERCISES, metavar="N", help="1 to 6")
+    check.add_argument("number", type=int, choices=tuple(EXERCISES), metavar="N", help="1 to 6")
     text = "of a run that is handed in (repeatable, in the order of the exercise)"
     check.add_argument("--run", type=Path, action="append", default=[], metavar="FOLDER", help=text)
     check.add_argument("--answer", type=Path, metavar="FILE", help="of answers, in TOML")
