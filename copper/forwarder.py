@@ -9,8 +9,9 @@ are lost. The software at an end may take a time for each message: it gets the b
 in their order, while what has no bytes passes at once; queued, one after the other, whichever cable
 they come by. Packets to and from the dispatcher's address
 belong to the simulation: no cable delays them. In stepped time what programs send in the background
-takes none, unless packets are before it, and the clock makes no leap for acknowledgements that
-nobody waits for.
+takes none, unless packets are before it. The clock makes no leap for acknowledgements that nobody
+seems to wait for, but stops at their instants on its way: a sender may wait after all (RFC 896),
+and else time out.
 """
 
 import heapq
@@ -26,7 +27,7 @@ from itertools import count
 from copper.acknowledgements import IPV4, Acknowledgements, message_bytes
 from programs.timeouts import STALL_S
 from wire.config import CopperConfig
-from wire.network_time import CABLES, NEVER, GateClient, SteppedTime
+from wire.network_time import CABLES, NEVER, WATCH, GateClient, SteppedTime
 from wire.parameters.delays import draws, is_queued
 
 MOST_BYTES = 1 << 16
@@ -106,12 +107,16 @@ class Forwarder:
                 self._directions[into] = way
                 self._readable.register(into, select.EPOLLIN)
         time_ = self._time = config.time
-        self._gate = GateClient(time_, CABLES) if isinstance(time_, SteppedTime) else None
+        self._gate = self._on_the_way = None
+        if isinstance(time_, SteppedTime):
+            self._gate, self._on_the_way = GateClient(time_, CABLES), GateClient(time_, WATCH)
         self._now_ns = time_.now_ns if self._gate else time.monotonic_ns
         self._acknowledgements = Acknowledgements()
         self._unawaited: list[tuple[int, Direction, bytes]] = []  # when due, on which way, frame
-        if self._gate:
-            self._readable.register(self._gate, select.EPOLLIN)
+        gates = self._gate, self._on_the_way
+        self._gates = {each.fileno(): each for each in gates if each}
+        for gate in self._gates.values():
+            self._readable.register(gate, select.EPOLLIN)
         self._draws = random.Random(config.seed)  # noqa: S311
         # When due, who speaks to whom, number, on which way, by which software first, frame.
         self._under_way: list[tuple[int, bytes, int, Direction, Software | None, bytes]] = []
@@ -131,8 +136,8 @@ class Forwarder:
             for file, _events in self._readable.poll(0):
                 if file == self._wake_reader:
                     return
-                if self._gate and file == self._gate.fileno():
-                    self._gate.take_notice()
+                if file in self._gates:
+                    self._gates[file].take_notice()
                     continue
                 if not self._take_in(self._directions[file]):
                     self._readable.unregister(file)
@@ -141,14 +146,15 @@ class Forwarder:
     def close(self) -> None:
         """Close all ends at once: the kernel waits some 15 ms for each."""
         self._readable.close()
-        if self._gate:
-            self._gate.close()
+        for gate in self._gates.values():
+            gate.close()
         with ThreadPoolExecutor(CLOSED_AT_ONCE) as pool:
             list(pool.map(os.close, self._directions))
 
     def _wait_s(self) -> float | None:
-        if self._gate:
+        if self._gate and self._on_the_way:
             self._gate.wait_for(self._under_way[0][0] if self._under_way else NEVER)
+            self._on_the_way.wait_for(min((each[0] for each in self._unawaited), default=NEVER))
             return STALL_S if self._unawaited else None
         if not self._under_way:
             return None

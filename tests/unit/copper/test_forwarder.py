@@ -15,7 +15,7 @@ from threading import Thread
 
 import pytest
 from limits import SOON_S
-from stepping import stepping
+from stepping import SINCE_NS, stepping
 
 from copper.acknowledgements import FEW
 from copper.forwarder import QUEUE_BYTES, Direction, Forwarder, Software
@@ -131,6 +131,20 @@ def test_an_acknowledgement_arrives_though_nobody_waits_for_anything_else() -> N
     with stepping() as gate, cables(1.0, time_folder=gate.time.folder) as [(near, far)]:
         near.send(tcp(b"x"))
         comes(far)
+        far.send(tcp(ends=BOB + ALICE, ack=1))
+        comes(near)
+        assert gate.time.now_s() == 2
+
+
+def test_the_clock_stops_for_an_acknowledgement_on_its_way_to_a_timeout() -> None:
+    with (
+        stepping() as gate,
+        cables(1.0, time_folder=gate.time.folder) as [(near, far)],
+        closing(GateClient(gate.time)) as client,
+    ):
+        near.send(tcp(b"x"))
+        comes(far)
+        client.wait_for(SINCE_NS + 45 * 10**9)
         far.send(tcp(ends=BOB + ALICE, ack=1))
         comes(near)
         assert gate.time.now_s() == 2
