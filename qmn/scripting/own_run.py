@@ -83,8 +83,12 @@ def carry_out(
     if process.returncode:
         kind = BadInput if process.returncode == USAGE else NetworkError
         raise kind(f"{name}: {_why(output.read_text())}")
-    (left,) = _folders(runs) - before
-    return left
+    left = _folders(runs) - before
+    if len(left) > 1:
+        raise NetworkError(
+            f"{name}: other runs began in {runs} meanwhile: give each its own folder"
+        )
+    return left.pop()
 
 
 def _folders(runs: Path) -> set[Path]:
