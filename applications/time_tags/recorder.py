@@ -23,7 +23,8 @@ from wire.parameters.physics import Detectors
 # By channel: of Z, X, Y, Z+X and Z-X two each, and of both arms of a Bell analyser. A word has room
 # for four detectors; clicks of the others are in the Parquet files alone.
 PATTERNS = np.array([1, 4, 2, 8, 0, 0, 0, 0, 0, 0, 1, 2, 4, 8], np.uint8)
-LATEST_PS = 10_000_000  # by which a click may be before its pulse is due
+LATEST_PS = 10_000_000  # by which a click may be before its pulse is due, but for its detector
+SIGMAS = 8  # by which jitter may change a time
 ROWS = 1 << 20  # of a group
 
 TAG = np.dtype([("time_ps", "<i8"), ("channel", "u1")])
@@ -58,11 +59,10 @@ class HostTags:
         self._rows: list[Clicks] = []
 
     def add(self, clicks: Clicks, before_ps: int) -> None:
-        """Take clicks; all that are before this time, by the network, are written."""
+        """Take clicks; all tags before this time are written, as no others will be."""
         waiting = np.concatenate([self._waiting, clicks])
         waiting = waiting[np.argsort(waiting["tag"]["time_ps"], kind="stable")]
-        # A clock with jitter may tag them in another order than they come.
-        count = int(np.argmax(np.append(waiting["truth"]["time_ps"] >= before_ps, True)))
+        count = int(waiting["tag"]["time_ps"].searchsorted(before_ps))
         self._write(waiting[:count])
         self._waiting = waiting[count:]
 
@@ -117,7 +117,14 @@ class Recorder:
         device = self._detectors.get(report.node, Detectors())
         start_ps = (report.train.start_ns - self._begin_ns) * 1000
         clicks = clicks_of(report, device, start_ps)
-        self.hosts[report.node].add(clicks, start_ps - LATEST_PS)
+        self.hosts[report.node].add(clicks, earliest_ps(device, start_ps))
+
+
+def earliest_ps(device: Detectors, start_ps: int) -> int:
+    """Return the earliest tag that light which begins then can have, by the host's clock."""
+    early_ps = LATEST_PS + device.gate_s * 5e11 + SIGMAS * device.jitter_ps
+    ahead_ps = (start_ps - early_ps) * (device.clock_skew_ppm * 1e-6) + device.clock_offset_s * 1e12
+    return start_ps + int(ahead_ps - early_ps - SIGMAS * device.clock_jitter_ps)
 
 
 def clicks_of(report: ClickReport, device: Detectors, start_ps: int) -> Clicks:
@@ -178,6 +185,8 @@ def begin(config: DispatcherConfig, begin_ns: int) -> Iterator[Recorder]:
     detectors = {name: device.detectors for name, device in config.devices.items()}
     with ExitStack() as stack:
         recorder = Recorder(folder, detectors, begin_ns, stack)
-        yield recorder
-        for tags in recorder.hosts.values():
-            tags.finish()
+        try:
+            yield recorder
+        finally:
+            for tags in recorder.hosts.values():
+                tags.finish()

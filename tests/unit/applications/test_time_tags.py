@@ -73,13 +73,13 @@ def network(detectors: Detectors, source: PairSource) -> DispatcherConfig:
     return DispatcherConfig("", "", 1, dict.fromkeys(devices, ""), [fiber], [], devices=devices)
 
 
-async def measured(laboratory: Laboratory) -> int:
+async def measured(laboratory: Laboratory, number: int = 0) -> int:
     """Send one block of pulses from alice to bob; return how often his detectors click."""
     alice, bob = laboratory.host("alice"), laboratory.host("bob")
-    await alice.emit(PULSES, 0, KEY)
-    await alice.send({(0, 0): "alice-q0"}, RATE_HZ)
-    await bob.receive((0, 0), "bob-q0")
-    request = laboratory.request("measure", block=block_id((0, 0)), key=KEY)
+    await alice.emit(PULSES, number, KEY)
+    await alice.send({(number, 0): "alice-q0"}, RATE_HZ)
+    await bob.receive((number, 0), "bob-q0")
+    request = laboratory.request("measure", block=block_id((number, 0)), key=KEY)
     return int((await laboratory.act("bob", "measure", request)).clicks)
 
 
@@ -131,6 +131,41 @@ def test_a_clock_is_ahead_faster_and_errs(tmp_path: Path) -> None:
     ahead_ps = tags["time_ps"] - truth["time_ps"] * (1 + 20e-6) - 0.25e12
     assert near(float(ahead_ps.mean()), 0.0, 40 / math.sqrt(ahead_ps.size))
     assert near(float(ahead_ps.std()), 40.0, 40 / math.sqrt(2 * ahead_ps.size))
+
+
+def test_tags_ascend_however_the_clock_errs(tmp_path: Path) -> None:
+    """Blocks are 2 ms long and have 20 tags; each errs by 1 ms, the most that there is."""
+    detectors = Detectors(**CLOCK | {"clock_jitter_ps": 1e9})
+    config = network(detectors, PairSource("poisson", mean_pairs=1e-4))
+    laboratory, folder = Laboratory(config), tmp_path / "tags"
+
+    async def blocks() -> int:
+        return sum([await measured(laboratory, number) for number in range(40)])
+
+    with recorder.begin(replace(config, tags=str(folder)), START_NS) as observer:
+        laboratory.layer.observer = observer
+        clicks = uvloop.run(blocks())
+        assert 0 < (folder / "bob.tags").stat().st_size < 8 * clicks  # they do not wait for the end
+    units, _patterns = words.decode((folder / "bob.tags").read_bytes())
+    times_ps = parquet.read_table(folder / "bob.parquet")["time_ps"].to_numpy()
+    assert times_ps.size == clicks
+    assert (np.diff(times_ps) >= 0).all()
+    assert np.array_equal(np.unique(units), np.unique(times_ps // words.UNIT_PS))
+
+
+def test_a_run_that_fails_keeps_its_last_tags(tmp_path: Path) -> None:
+    config, folder = network(CARD, LASERS["sparse"]), tmp_path / "tags"
+    laboratory, clicks = Laboratory(config), []
+
+    def fail() -> None:
+        with recorder.begin(replace(config, tags=str(folder)), START_NS) as observer:
+            laboratory.layer.observer = observer
+            clicks.append(uvloop.run(measured(laboratory)))
+            raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        fail()
+    assert [parquet.read_table(folder / "bob.parquet").num_rows] == clicks
 
 
 def test_readout_errors_are_in_the_tags_and_known_to_the_truth(tmp_path: Path) -> None:
