@@ -6,7 +6,7 @@ that is of the basis that the host has chosen for the slot. Half of the tags are
 """
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -17,15 +17,16 @@ from numpy.typing import NDArray
 
 from applications.time_tags import words
 from hosts.hardware.operations import BlockName
-from hosts.hardware.replies import Clicks
+from hosts.hardware.replies import Clicks, HardwareError
 from hosts.hardware.simulated import SimulatedQnic
+from wire.dispatcher_pb2 import Feedback, Step
 from wire.keyed import KeyedChoices
 from wire.malformed import MalformedPacket
 from wire.parameters.physics import BadParameter
 
 CHANNELS = np.full(1 << words.PATTERN_BITS, 255, np.uint8)  # by pattern; others are of several
 CHANNELS[[1, 4, 2, 8]] = range(4)
-MOST_BYTES = 1 << 31
+MOST_BYTES = 1 << 28
 NAME = "played"  # among the hardware that packages register
 NOT_AHEAD: Mapping[str, int] = MappingProxyType({})
 
@@ -50,9 +51,13 @@ class Tags:
 def read(path: Path) -> tuple[words.Units, words.Patterns]:
     """Return a file's tags; raise BadParameter for one that cannot be played."""
     try:
-        if path.stat().st_size > MOST_BYTES:
+        if path.exists() and not path.is_file():
+            raise BadParameter(f"{path} is not a file: name one of tags")
+        with path.open("rb") as file:
+            data = file.read(MOST_BYTES + 1)
+        if len(data) > MOST_BYTES:
             raise BadParameter(f"{path} has more than {MOST_BYTES} bytes: cut it")
-        units, patterns = words.decode(path.read_bytes())
+        units, patterns = words.decode(data)
     except (OSError, MalformedPacket) as error:
         raise BadParameter(f"{path} has no tags to play: {error}") from error
     if not units.size:
@@ -69,6 +74,18 @@ class PlayedQnic(SimulatedQnic):
         self._tags = Tags(units - begin_units, patterns, slot_units)
         self._next: defaultdict[int, int] = defaultdict(int)  # slot, by session
 
+    async def perform(self, *order: Step) -> list[Feedback]:
+        _refuse_others(order)
+        return await super().perform(*order)
+
+    async def perform_repeatedly(self, session: int, number: int, *order: Step) -> list[Feedback]:
+        _refuse_others(order)
+        return await super().perform_repeatedly(session, number, *order)
+
+    async def discard(self, session: int) -> None:
+        self._next.pop(session, None)
+        await super().discard(session)
+
     async def click_arrivals(
         self, block: BlockName, port: str, key: bytes, timeout_s: float
     ) -> Clicks:
@@ -81,18 +98,34 @@ class PlayedQnic(SimulatedQnic):
         return Clicks(light.photons, at[chosen], channels[chosen] & 1)
 
 
+def _refuse_others(order: Sequence[Step]) -> None:
+    """Raise HardwareError for a measurement that tags do not take the place of."""
+    for step in order:
+        kind = step.WhichOneof("operation")
+        if kind in ("bell_measure", "resend") or (kind == "measure" and not step.measure.key):
+            raise HardwareError(
+                "tags are played for keys of --protocol bbm92 alone: choose it, or leave play out"
+            )
+
+
 def play(
     topo: Topo, files: Mapping[str, str], slot_ps: int, ahead_ps: Mapping[str, int] = NOT_AHEAD
 ) -> None:
     """Let hosts of a topology play files, whose clocks are ahead of the others' by so much.
 
-    Raise BadParameter for a file that cannot be played.
+    Raise BadParameter for a file that cannot be played, and for times of no whole units.
     """
-    slot_units = slot_ps // words.UNIT_PS
-    if slot_units < 1:
+    if slot_ps < words.UNIT_PS:
         raise BadParameter(f"slot_ps {slot_ps}: choose {words.UNIT_PS} or more")
-    ahead = {host: ahead_ps.get(host, 0) // words.UNIT_PS for host in files}
-    begin = min(int(read(Path(file))[0][0]) - ahead[host] for host, file in files.items())
+    slot_units = _units("slot_ps", slot_ps)
+    ahead = {host: _units(f"ahead_ps of {host}", ahead_ps.get(host, 0)) for host in files}
+    begins = [int(read(Path(file))[0][0]) - ahead[host] for host, file in files.items()]
+    begin = min(begins)
+    if max(begins) - begin > words.WRAP // 2:
+        raise BadParameter(
+            "the first tags of these files are more than 9.7 hours apart, or times begin again "
+            "between them: cut the files"
+        )
     for host, file in files.items():
         topo.nodeInfo(host)["qnic"] = NAME
         topo.nodeInfo(host)["qnic_parameters"] = {
@@ -100,3 +133,9 @@ def play(
             "begin_units": begin + ahead[host],
             "slot_units": slot_units,
         }
+
+
+def _units(name: str, time_ps: int) -> int:
+    if time_ps % words.UNIT_PS:
+        raise BadParameter(f"{name} {time_ps}: choose a multiple of {words.UNIT_PS}")
+    return time_ps // words.UNIT_PS
