@@ -10,7 +10,6 @@ than half of the time of an ideal block.
 import ctypes
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TextIO
 
@@ -35,6 +34,7 @@ from dispatcher.sabot.simulation import Simulation
 from dispatcher.timeouts import WRITING_DELAY_S
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_service import RUNNER
+from wire.registered import CLICK_OBSERVERS, load, only
 
 M_TRIM_THRESHOLD = -1  # of mallopt(3), from malloc.h
 M_MMAP_THRESHOLD = -3
@@ -51,7 +51,6 @@ def keep_freed_memory() -> bool:
 
 
 BeginObserving = Callable[[DispatcherConfig, int], AbstractContextManager[ClickObserver]]
-OBSERVERS = entry_points(group="qmn.click_observers")
 LEAST_SHARE = 1 << 22  # qubits
 LEAST_BLOCKS = 8192
 LEAST_EVENTS = 1_000_000
@@ -147,8 +146,8 @@ def open_layer(
         writing_delay_s=WRITING_DELAY_S,
     )
     stack.callback(layer.history.write_out)
-    for entry in OBSERVERS if config.tags else ():
-        begin: BeginObserving = entry.load()
+    if config.tags:
+        begin: BeginObserving = load(only("--tags", CLICK_OBSERVERS))
         layer.observer = stack.enter_context(begin(config, clock.now_ns()))
     return layer
 

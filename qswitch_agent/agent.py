@@ -13,7 +13,7 @@ from qswitch_agent.switch import Switch
 from qswitch_agent.timeouts import HOLD_DEADLINE_S
 from wire.config import AgentConfig, BadConfig
 from wire.parameters.switch import inner_ports
-from wire.registered import TELEMETRY, load, registered
+from wire.registered import TELEMETRY, load, only
 
 
 class Agent:
@@ -83,7 +83,7 @@ class Agent:
     def _telemetry(self) -> AbstractAsyncContextManager[None]:
         if not self._config.gnmi:
             return nullcontext()
-        (serving,) = (load(each) for each in registered(TELEMETRY).values())
+        serving = load(only("--gnmi", TELEMETRY))
         found: AbstractAsyncContextManager[None] = serving(self._config, self._switch)
         return found
 

@@ -16,6 +16,7 @@ SERVICE_VERBS = "qmn.service_verbs"  # qmn.requests.service_verbs.Verb, by its n
 REQUESTS = "qmn.requests"  # dataclass of a request, by the service that a result names
 PROGRAMS = "qmn.programs"  # qmn.network.programs.NetworkProgram, for `qmn cli`
 DISSECTORS = "qmn.dissectors"  # a module with LUA, a script, and tables() that it reads
+CLICK_OBSERVERS = "qmn.click_observers"  # begins to observe: of DispatcherConfig and time (ns)
 TELEMETRY = "qmn.telemetry"  # what serves that of a quantum switch: of AgentConfig and Switch
 DATAGRAMS = "qmn.datagrams"  # a class of wire.metadata.header.Message: wire.device carries it
 HARDWARE = "qmn.hardware"  # a class of hosts.hardware.qnic.Qnic
@@ -47,6 +48,16 @@ def registered(group: str, taken: Collection[str] = ()) -> dict[str, EntryPoint]
     if clashes := [f"{name} ({named[name].value})" for name in named if name in taken]:
         raise ImportError(f"{group}: {', '.join(clashes)}: qmn has this name itself; rename it")
     return named
+
+
+def only(option: str, group: str) -> EntryPoint:
+    """Return the one entry point that an option needs; raise BadPackage for none or several."""
+    found = [*registered(group).values()]
+    if len(found) != 1:
+        values = ", ".join(each.value for each in found)
+        remedy = f"keep one of {values}" if found else "install one"
+        raise BadPackage(f"{option}: one package provides {group}: {remedy}")
+    return found[0]
 
 
 def load(entry: EntryPoint, fits: Callable[[Any], bool] = lambda _value: True) -> Any:

@@ -11,7 +11,7 @@ from qmn.options import BadInput, check_ranges
 from qmn.project import remedy as remedy_of
 from wire.parameters.checks import NEAR, remedy
 from wire.parameters.network import FRAMEWORKS
-from wire.registered import TELEMETRY, registered
+from wire.registered import CLICK_OBSERVERS, TELEMETRY, BadPackage, only
 
 FROM_TO, LINE = "--from and --to", "--line"  # by which a user says who takes part
 
@@ -37,10 +37,16 @@ def check_network(options: NetworkOptions) -> None:
         check_module(module)
     if options.keys and Path(options.keys).exists():
         raise BadInput(f"--keys {options.keys} exists: name a new folder for each network")
-    if options.gnmi and len(registered(TELEMETRY)) != 1:
-        raise BadInput("--gnmi: one package serves telemetry of switches; install it")
+    try:
+        for option, group in (("gnmi", TELEMETRY), ("tags", CLICK_OBSERVERS)):
+            if getattr(options, option):
+                only(f"--{option}", group)
+    except BadPackage as error:
+        raise BadInput(str(error)) from error
     if options.tags and Path(options.tags).exists():
         raise BadInput(f"--tags {options.tags} exists: name a new folder for each network")
+    if options.tags and not (parent := Path(options.tags).absolute().parent).is_dir():
+        raise BadInput(f"--tags {options.tags}: there is no folder {parent}; make it before")
     clocks = [word for word in options.device if ".detectors.clock_" in word]
     if clocks and not options.tags:
         raise BadInput(f"--device {clocks[0]} is of time tags: say --tags, or leave it out")

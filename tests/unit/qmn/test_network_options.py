@@ -2,6 +2,7 @@
 
 import argparse
 import re
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -76,6 +77,14 @@ def test_a_seed_is_a_number_from_zero_on() -> None:
     with pytest.raises(BadInput, match=r"^--seed -1: choose 0 or more \(a whole number\)$"):
         check_network(parse("--seed=-1"))
     check_network(parse("--seed=0"))
+
+
+def test_tags_have_a_new_folder_in_one_that_is_there(tmp_path: Path) -> None:
+    check_network(parse(f"--tags={tmp_path}/tags"))
+    with pytest.raises(BadInput, match="exists: name a new folder"):
+        check_network(parse(f"--tags={tmp_path}"))
+    with pytest.raises(BadInput, match=f"there is no folder {tmp_path}/no; make it before"):
+        check_network(parse(f"--tags={tmp_path}/no/tags"))
 
 
 def test_a_network_that_cannot_be_is_refused_before_it_starts() -> None:

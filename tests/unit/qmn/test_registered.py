@@ -5,7 +5,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from limits import SOON_S
+
+from wire.registered import CLICK_OBSERVERS, TELEMETRY, BadPackage, only
 
 ROOT = Path(__file__).resolve().parents[3]
 PACKAGE = """
@@ -50,6 +53,30 @@ def test_an_installed_package_has_a_job_of_its_own(tmp_path: Path) -> None:
     install(tmp_path, "[qmn.jobs]\ngreet = greeting\n")
     assert "nothing, over a network" in qmn(tmp_path, "run", "--help").stdout
     assert "--loud" in qmn(tmp_path, "run", "greet", "--help").stdout
+
+
+SECOND = {
+    "--tags=new": "[qmn.click_observers]\nother = greeting:VERBS\n",
+    "--gnmi": "[qmn.telemetry]\nother = greeting:VERBS\n",
+}
+
+
+@pytest.mark.parametrize("option", SECOND)
+def test_a_second_package_for_what_one_serves_is_named(tmp_path: Path, option: str) -> None:
+    install(tmp_path, SECOND[option])
+    done = qmn(tmp_path, "run", "qkd", "--protocol", "bbm92", option)
+    assert done.returncode != 0
+    assert "one package provides" in done.stderr
+    assert "greeting:VERBS" in done.stderr.partition("keep one of ")[2]
+
+
+@pytest.mark.parametrize("group", [CLICK_OBSERVERS, TELEMETRY])
+def test_what_no_package_serves_is_to_be_installed(
+    monkeypatch: pytest.MonkeyPatch, group: str
+) -> None:
+    monkeypatch.setattr("wire.registered._selection", lambda: lambda **_group: ())
+    with pytest.raises(BadPackage, match=f"--x: one package provides {group}: install one"):
+        only("--x", group)
 
 
 def test_a_name_that_is_taken_is_refused(tmp_path: Path) -> None:
