@@ -55,7 +55,8 @@ def load(name: str, given: Mapping[str, Any]) -> Callable[[], Topo]:
 
 def _built(topo_class: type[Topo], name: str, given: Mapping[str, Any]) -> Topo:
     """Return the topology; raise BadTopology, with the user's file and line, if it cannot be."""
-    file, class_name = topo_class.build.__code__.co_filename, topo_class.__name__
+    class_name, path = topo_class.__name__, name.rpartition(":")[0]
+    file = str(Path(path).absolute()) if path else inspect.getfile(topo_class)
     try:
         return checked(topo_class)(**given)
     except BadTopology:

@@ -156,6 +156,33 @@ def test_the_command_of_a_refusal_shows_the_whole_fault(tmp_path: Path) -> None:
     assert done.stderr.endswith("ZeroDivisionError: division by zero\n")
 
 
+INHERITED = """
+from functools import partialmethod
+from topologies.sdc import SdcTopo
+
+class Inherited(SdcTopo):
+    def addSwitch(self, *_words, **_params):
+        1 / 0
+
+class Wrapped(Inherited):
+    build = partialmethod(SdcTopo.build)
+"""
+
+
+@pytest.mark.parametrize("kind", ["Inherited", "Wrapped"])
+def test_a_class_with_the_build_of_another_is_told_by_its_own_file(
+    tmp_path: Path, kind: str
+) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(INHERITED)
+    with pytest.raises(BadTopology) as caught:
+        describe_network(parse("--topology", f"{file}:{kind}"))
+    told, _, command = str(caught.value).partition("; this shows all of it: ")
+    assert told == f"{file}, line 7: ZeroDivisionError: division by zero"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
+    assert done.stderr.endswith("ZeroDivisionError: division by zero\n")
+
+
 def test_a_fault_in_loading_is_told_by_its_line(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text("one = 1\n{}['two']\n")
     with pytest.raises(BadTopology, match=r"mine.py cannot be loaded: line 2: KeyError: 'two'; "):
