@@ -33,6 +33,7 @@ from wire.outcomes import NO_COINCIDENCE
 LONGEST = ETHERNET_BYTES + MOST_PAYLOAD
 PLACE = len(PLACES)
 MOST_REPORTS = 64  # that nobody has asked for yet, of each part of a switch
+MOST_ANALYSERS = 256  # that a session hears; forged frames may name more
 ENDS = {
     End.NO_PARTNER: "the other end's light did not come in time",
     End.CLOSED: "its flow entry ended while it waited there",
@@ -68,21 +69,21 @@ class Report:
 class Reports:
     """Those of one part of a switch, block after block."""
 
-    begun: Report | None = None
+    number: int = 0  # of the block that is coming
+    come: bytearray = field(default_factory=bytearray)  # its outcomes so far
     whole: deque[Report] = field(default_factory=lambda: deque(maxlen=MOST_REPORTS))
     last: int = 0  # number of the block that was taken last
 
     def take(self, frame: AnalyserFrame, is_own: bool) -> None:
         """Take a frame; all of one block have its number, in order."""
-        begun = self.begun.frame if self.begun and frame.first else None
-        self.begun = None
-        outcomes = begun.outcomes if begun and begun.number == frame.number else b""
-        if frame.first == len(outcomes):
-            joined = Report(replace(frame, first=0, outcomes=outcomes + frame.outcomes), is_own)
-            if len(joined.frame.outcomes) < frame.pulses:
-                self.begun = joined
-            else:
-                self.whole.append(joined)
+        if not frame.first or frame.number != self.number or frame.first != len(self.come):
+            self.number, self.come = frame.number, bytearray()
+        if frame.first == len(self.come):
+            self.come += frame.outcomes
+            if len(self.come) >= frame.pulses:
+                whole = replace(frame, first=0, outcomes=bytes(self.come))
+                self.whole.append(Report(whole, is_own))
+                self.come = bytearray()
 
     def has(self, pulses: int) -> bool:
         """Whether the next block has been reported; drop what does not fit it."""
@@ -152,7 +153,9 @@ class AnalyserSocket:
         elif frame.end != End.MEASURED:
             self._ended.append(Report(frame, data[:6] == outcomes))
         else:
-            self._analysers[data[6:12] + frame.port.to_bytes(4)].take(frame, data[:6] == outcomes)
+            analyser = data[6:12] + frame.port.to_bytes(4)
+            if analyser in self._analysers or len(self._analysers) < MOST_ANALYSERS:
+                self._analysers[analyser].take(frame, data[:6] == outcomes)
 
     async def next(self, pulses: int, analysers: int) -> Swapped:
         """Return the outcomes of the next block, of this size, at a number of analysers.

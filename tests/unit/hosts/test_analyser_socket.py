@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from limits import SOON_S
 
-from hosts.middleware.session.analyser_socket import AnalyserSocket, Swapped
+from hosts.middleware.session.analyser_socket import MOST_ANALYSERS, AnalyserSocket, Swapped
 from hosts.middleware.session.errors import SessionError
 from wire.analyser_frames import MOST_OUTCOMES, AnalyserFrame, End, Receivers, frames_of, group_of
 from wire.outcomes import NO_COINCIDENCE as LOST
@@ -31,7 +31,9 @@ class Copper:
         """Have a switch tell all outcomes of a block."""
         report = AnalyserFrame(ANALYSER, number, End.MEASURED, len(outcomes), 0, outcomes)
         for frame in frames_of(report):
-            self.outcomes.send(frame.encode(group_of(SESSION), bytes([2, 0, 0, 0, 0, switch])))
+            self.outcomes.send(
+                frame.encode(group_of(SESSION), bytes([2, 0, 0, 0]) + switch.to_bytes(2))
+            )
 
     def herald(self, number: int, held: bytes, to: Receivers = Receivers.OPENER) -> None:
         report = AnalyserFrame(MEMORY, number, End.STORED, len(held), 0, held)
@@ -108,6 +110,15 @@ def test_a_herald_of_another_block_ends_the_session() -> None:
             wire.report(switch, 1, bytes(2))
         with pytest.raises(SessionError, match="a memory holds 3 pulses of a block of 4"):
             wire.next(4)
+
+
+def test_analysers_beyond_the_most_are_not_heard() -> None:
+    with copper() as wire:
+        for switch in range(MOST_ANALYSERS + 1):
+            wire.report(switch, 1, bytes(4))
+            wire.frames._read()  # a socket holds few
+        (found,) = wire.next(4)
+    assert len(found.blocks) == 2 * MOST_ANALYSERS  # a place and a number of each
 
 
 def test_frames_are_read_before_anybody_asks_for_their_block() -> None:
