@@ -55,16 +55,17 @@ def test_an_installed_package_has_a_job_of_its_own(tmp_path: Path) -> None:
     assert "--loud" in qmn(tmp_path, "run", "greet", "--help").stdout
 
 
-SECOND = {
-    "--tags=new": "[qmn.click_observers]\nother = greeting:VERBS\n",
-    "--gnmi": "[qmn.telemetry]\nother = greeting:VERBS\n",
-}
+TWO = "one = greeting:VERBS\nother = greeting:VERBS\n"
 
 
-@pytest.mark.parametrize("option", SECOND)
-def test_a_second_package_for_what_one_serves_is_named(tmp_path: Path, option: str) -> None:
-    install(tmp_path, SECOND[option])
-    done = qmn(tmp_path, "run", "qkd", "--protocol", "bbm92", option)
+@pytest.mark.parametrize(
+    ("option", "group"), [("--tags=new", CLICK_OBSERVERS), ("--gnmi", TELEMETRY)]
+)
+def test_a_second_package_for_what_one_serves_is_named(
+    tmp_path: Path, option: str, group: str
+) -> None:
+    install(tmp_path, f"[{group}]\n{TWO}")
+    done = qmn(tmp_path, "run", "sdc", "--message", "x", option)
     assert done.returncode != 0
     assert "one package provides" in done.stderr
     assert "greeting:VERBS" in done.stderr.partition("keep one of ")[2]
