@@ -19,6 +19,7 @@ from qswitch_agent.hardware.optics import HardwareFault, OpticalHardware
 from qswitch_agent.hardware.scpi import MatrixPort, ScpiSwitch
 from qswitch_agent.hardware.simulated import SimulatedSwitch
 from wire.config import AgentConfig, BadConfig
+from wire.registered import BadPackage
 
 SCPI_PORT = 5025  # registered with IANA as scpi-raw
 
@@ -125,7 +126,7 @@ def main() -> int:
     faults: list[str] = []
     try:
         uvloop.run(serve(AgentConfig.read(path)))
-    except* (BadConfig, BridgeFault, HardwareFault) as group:
+    except* (BadConfig, BadPackage, BridgeFault, HardwareFault) as group:
         faults = [str(fault) for fault in group.exceptions]
     return report_fault(f"qswitch_agent: {faults[0]}") if faults else 0
 

@@ -52,9 +52,10 @@ class Agent:
         """Serve until stop is set, and say `ready` on stdout when the light paths stand.
 
         Controller i of the configuration is served where AgentConfig.listening says. Raise an
-        exception group with a BridgeFault, HardwareFault or BadConfig if the agent cannot
-        go on; held replies are answered before.
+        exception group with a BridgeFault, HardwareFault or BadConfig, or BadPackage, if the
+        agent cannot go on; held replies are answered before.
         """
+        telemetry = self._telemetry()
         await self._monitor.open()
         await self._commands.open()
         layers = [
@@ -68,7 +69,7 @@ class Agent:
         if self._paths.table.inner:
             layers.append(self._hardware.watch_analysers(self._inner.report))
         try:
-            async with self._telemetry(), asyncio.TaskGroup() as group:
+            async with telemetry, asyncio.TaskGroup() as group:
                 tasks = [group.create_task(layer) for layer in layers]
                 await stop.wait()
                 for task in tasks:

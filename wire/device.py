@@ -342,7 +342,7 @@ OWN = (
 
 
 def _is_message(value: object) -> bool:
-    return isinstance(value, type) and issubclass(value, Message)
+    return isinstance(value, type) and issubclass(value, Message) and hasattr(value, "KIND")
 
 
 @cache

@@ -71,7 +71,8 @@ class RegisteredService:
 
     def __post_init__(self) -> None:
         if not 0 < self.number <= HIGHEST_NUMBER:
-            raise ValueError(f"service {self.name}: number {self.number}: choose 100 to 255")
+            text = f"service {self.name}: number {self.number}"
+            raise ValueError(f"{text}: choose 100 to 255; 1 to 99 are qmn's own")
 
 
 @cache

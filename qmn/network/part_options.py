@@ -269,6 +269,8 @@ def _changed_part(where: str, part: str, device: Device, setting: tuple[str, str
         check_names(f"{where}: {part}", [name], known, BadTopology)
         return replace(before, **{name: _value(where, name, text, known[name], of_none=tuple)})
     check_names(f"{where}: {part}", ["noise"], known, BadTopology)
-    others = before.noise_parameters if before.noise == noise else {}
+    if before.noise not in ("", noise):
+        raise BadTopology(f"{where}: {part} has the noise {before.noise}: choose one of both")
     value = _value(where, parameter, text, 0.0)
+    others = before.noise_parameters
     return replace(before, noise=noise, noise_parameters={**others, parameter: value})

@@ -42,7 +42,7 @@ def add_parser(verbs: Any) -> None:
     _add_superdense(jobs)
     for name, verb in VERBS.items():
         _add_service(jobs, name, verb)
-    for name, job in Registry[Any](JOBS, lambda each: hasattr(each, "describe"), {}).items():
+    for name, job in Registry[Any](JOBS, lambda it: {"HELP", "describe"} <= {*dir(it)}, {}).items():
         parser = jobs.add_parser(name, help=job.HELP, description=job.HELP)
         parser.put_off(partial(job.describe, parser))
 
@@ -88,6 +88,8 @@ def _describe_service(parser: Parser, name: str, verb: Verb) -> None:
         titled(parser, JOB).add_argument(
             "--protocol", dest="service", choices=verb.protocols, default=name, help=text
         )
+    if name not in named():
+        parser.error(f"{name} cannot be used: its package is left out")
     kind = named()[name].options
     add_options(
         parser,

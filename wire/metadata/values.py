@@ -8,10 +8,11 @@ from wire.malformed import MalformedPacket
 from wire.metadata.header import Message, parted
 
 WIDTHS = (1, 2, 8, 32)  # bits of a value
+FREE_TOPIC = 128  # up to 255: of services outside this tree
 
 
 class Topic(IntEnum):
-    """The topic of an array of values; a service may use numbers that are not listed here."""
+    """The topic of an array of values; services of packages use FREE_TOPIC and up."""
 
     COMING = 1  # how many photons the block has that comes next; answered when it may come
     STATES = 2  # that were prepared: wire.dispatcher.proto, CreateRequest.states

@@ -30,6 +30,8 @@ class Service(IntEnum):
     SWITCH_SWAP = 17  # swapping by a switch's Bell analyser, to which both ends send halves
     members = vars()
     for registered in registered_services():
+        if registered.name.upper() in members or registered.number in members.values():
+            raise ValueError(f"service {registered.name}: qmn has its name or number; choose others")
         members[registered.name.upper()] = registered.number
 
 

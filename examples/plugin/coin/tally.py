@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from qmn.services import MalformedPacket
 
-TOPIC = 200  # of its envelopes; qmn's own are below 100
+TOPIC = 200  # of its envelopes; qmn's own are below FREE_TOPIC of wire/metadata/values.py, 128
 FIELDS = struct.Struct("!II")
 
 

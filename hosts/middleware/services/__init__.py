@@ -1,8 +1,9 @@
 """The services of a host, by their place in the vocabulary: those here, and those of packages."""
 
-from collections.abc import Mapping
+import logging
+from collections.abc import Iterator, Mapping
 from functools import cache
-from pkgutil import resolve_name
+from importlib.metadata import EntryPoint
 from types import MappingProxyType
 
 from hosts.middleware.services import switch_swap
@@ -14,8 +15,11 @@ from hosts.middleware.services.superdense import superdense
 from hosts.middleware.services.swapping import swap
 from hosts.middleware.services.teleportation import teleport
 from hosts.middleware.session.ends import ServiceKind
-from wire.light import registered_services
+from wire.light import GROUP, registered_services
 from wire.metadata.vocabulary import Service
+from wire.registered import BadPackage, load
+
+log = logging.getLogger("packages")
 
 
 @cache
@@ -30,8 +34,16 @@ def kinds() -> Mapping[Service, ServiceKind]:
         switch_swap.KIND,
         teleport.KIND,
     )
-    theirs = (resolve_name(service.ends) for service in registered_services())
-    return MappingProxyType({kind.service: kind for kind in (*own, *theirs)})
+    return MappingProxyType({kind.service: kind for kind in (*own, *_theirs())})
+
+
+def _theirs() -> Iterator[ServiceKind]:
+    for service in registered_services():
+        try:
+            ends = EntryPoint(service.name, service.ends, GROUP)
+            yield load(ends, lambda kind: isinstance(kind, ServiceKind))
+        except BadPackage as error:
+            log.warning("%s: %s", GROUP, error)
 
 
 @cache

@@ -154,6 +154,8 @@ def test_the_parameter_of_its_noise_is_one_of_a_device(package: Path) -> None:
         ("bob.detectors.wear.misread=much", "choose a number"),
     ):
         assert refusal in device_of(package, word).stderr, word
+    done = device_of(package, "bob.detectors.noise=a.py:Rust", "bob.detectors.wear.misread=0.1")
+    assert "detectors has the noise a.py:Rust: choose one of both" in done.stderr
 
 
 def test_a_package_that_cannot_be_loaded_is_named_and_left_out(package: Path) -> None:
@@ -172,11 +174,12 @@ NAMES = {
     "from evidence.labs.catalogue import names; names = names()": "coin/lab.py",
     "from qmn.requests.service_verbs import VERBS as names": "coin/verb.py",
     "from views.dissection.dissectors import PACKAGES as names": "coin/dissection.py",
+    "from hosts.middleware.services import named; names = named()": "coin/ends.py",
 }
 
 
 @pytest.mark.parametrize(
-    "fault", ["1 / 0\n", "COIN = WORN = LIFO = VILLAGE = LAB = last_come = 7\n"]
+    "fault", ["1 / 0\n", "COIN = WORN = LIFO = VILLAGE = LAB = LUA = KIND = last_come = 7\n"]
 )
 @pytest.mark.parametrize(("names", "file"), NAMES.items(), ids=list(NAMES.values()))
 def test_a_door_leaves_out_what_is_broken_and_names_it(
@@ -190,6 +193,32 @@ def test_a_door_leaves_out_what_is_broken_and_names_it(
     assert re.search(r"qmn\.\w+: \w+ \(coin[\w.:]*\) is left out: ", done.stderr)
 
 
+def test_a_service_without_its_ends_is_refused_by_name(package: Path) -> None:
+    (package / "coin" / "ends.py").write_text("1 / 0\n")
+    done = python(package, "-m", "qmn", "run", "coin")
+    assert (done.returncode, "Traceback" in done.stderr) == (2, False)
+    assert "coin cannot be used: its package is left out" in done.stderr
+
+
+def test_a_message_without_a_number_is_left_out(package: Path) -> None:
+    text = "from wire.metadata.header import Message\nclass Mute(Message): pass\n"
+    (package / "coin" / "mute.py").write_text(text)
+    points = package / "coin-1.dist-info" / "entry_points.txt"
+    points.write_text(f"{points.read_text()}\n[qmn.datagrams]\nmute = coin.mute:Mute\n")
+    done = python(package, "-c", "from wire.device import kinds; print(len(kinds()))")
+    assert (
+        done.stdout
+        == python(ROOT, "-c", "from wire.device import kinds; print(len(kinds()))").stdout
+    )
+    assert "qmn.datagrams: mute (coin.mute:Mute) is left out: " in done.stderr
+
+
+def test_its_topic_is_none_of_qmn_s_own(package: Path) -> None:
+    text = "from coin.tally import TOPIC; from wire.metadata.values import FREE_TOPIC, Topic"
+    assert printed(package, "-c", f"{text}; print(int(max(Topic) < FREE_TOPIC <= TOPIC))") == 1
+    assert "topic of 128 (`FREE_TOPIC`" in PAGE
+
+
 def test_a_broken_noise_model_is_named_when_it_is_asked_for(package: Path) -> None:
     (package / "coin" / "physics.py").write_text("1 / 0\n")
     done = python(package, "-c", "from dispatcher.fiber.custom_noise import load; load('wear', {})")
@@ -201,7 +230,8 @@ def test_a_broken_noise_model_is_named_when_it_is_asked_for(package: Path) -> No
     [
         ("number=100", "number=14", "two registered services have the number 14: remove one"),
         ('name="coin"', 'name="sense"', "two registered services have the name sense: remove one"),
-        ("number=100", "number=1", "COIN -> SDC"),
+        ("number=100", "number=1", "service coin: qmn has its name or number; choose others"),
+        ('name="coin"', 'name="sdc"', "service sdc: qmn has its name or number; choose others"),
     ],
 )
 def test_a_clash_of_services_is_refused(package: Path, old: str, new: str, refusal: str) -> None:

@@ -80,6 +80,15 @@ def test_what_no_package_serves_is_to_be_installed(
         only("--x", group)
 
 
+def test_a_job_without_help_is_named_and_left_out(tmp_path: Path) -> None:
+    install(tmp_path, "[qmn.jobs]\ngreet = greeting\n")
+    module = tmp_path / "greeting.py"
+    module.write_text(module.read_text().replace("HELP", "HINT"))
+    done = qmn(tmp_path, "run", "--help")
+    assert (done.returncode, " greet " in done.stdout) == (0, False)
+    assert "qmn.jobs: greet (greeting) is left out: " in done.stderr
+
+
 def test_a_name_that_is_taken_is_refused(tmp_path: Path) -> None:
     install(tmp_path, "[qmn.verbs]\nviews = greeting:VERBS\n")
     done = qmn(tmp_path, "--help")

@@ -1,10 +1,16 @@
 """The driver that a configuration asks for."""
 
 import asyncio
-from dataclasses import replace
+import json
+import os
+import subprocess
+import sys
+from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any
 
 import pytest
+from limits import SOON_S
 
 from qswitch_agent.__main__ import hardware
 from qswitch_agent.hardware.scpi import ScpiSwitch
@@ -20,6 +26,7 @@ CONFIG = AgentConfig(
     token="secret",
     fiber_ports=[2, 3],
 )
+ROOT = Path(__file__).resolve().parents[3]
 MATRIX = {"2": [1, 17], "3": [2, 18]}
 
 
@@ -72,3 +79,24 @@ def test_hardware_that_cannot_be_is_refused(changes: dict[str, Any], message: st
     named = replace(CONFIG, hardware="scpi://192.0.2.7:5025", hardware_ports=MATRIX)
     with pytest.raises(BadConfig, match=message):
         hardware(replace(named, **changes))
+
+
+def test_telemetry_that_cannot_be_ends_the_agent_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "broken-1.dist-info").mkdir()
+    points = tmp_path / "broken-1.dist-info" / "entry_points.txt"
+    points.write_text("[qmn.telemetry]\nbroken = nowhere:serving\n")
+    file = tmp_path / "agent.json"
+    file.write_text(json.dumps(asdict(replace(CONFIG, gnmi=f"{tmp_path}/gnmi"))))
+    done = subprocess.run(
+        [sys.executable, "-m", "qswitch_agent", "--config", str(file)],
+        env={**os.environ, "PYTHONPATH": f"{ROOT}:{tmp_path}"},
+        capture_output=True,
+        text=True,
+        timeout=SOON_S,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith(
+        "fault: qswitch_agent: --gnmi: one package provides qmn.telemetry: keep"
+    )
+    assert done.stderr.count("\n") == 1
