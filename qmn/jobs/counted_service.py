@@ -149,6 +149,23 @@ def check_attack(request: ServiceRequest) -> None:
         raise BadInput(f"--eve-hides-db is of --eve-attack {SPLIT}: say both, or neither")
 
 
+def check_turns(request: ServiceRequest) -> None:
+    """Raise BadInput for turns that repeaters cannot take."""
+    if request.purify is not None and request.service == verb_of(request.service).in_switches:
+        raise BadInput(
+            "--purify is of repeaters that are hosts (--topology repeaters): leave it out"
+        )
+    by_hosts = request.service == "swap" and not request.purify
+    if by_hosts and request.schedule not in (None, PARALLEL):
+        raise BadInput(
+            f"--schedule {request.schedule}: hosts take turns only where they purify: add "
+            "--purify 1, or let switches swap (--topology chain)"
+        )
+    if request.network.policy and (request.schedule, request.purify) != (None, None):
+        text = "--schedule and --purify make a policy of their own"
+        raise BadInput(f"{text}: write [swap] schedule and rounds into --policy")
+
+
 def is_prepared(service: str) -> bool:
     """Return whether one host sends the other states of its own."""
     return (asked := Service[service.upper()]) in PREPARED and not uses_source(asked)
@@ -203,20 +220,7 @@ def fitted(
         felt |= everything([eavesdropping.EVE])
         eavesdropping.check(ends, network)
         attack_of(request, network)  # whether it can be
-    planned = request.schedule is not None or request.purify is not None
-    if request.purify is not None and request.service == verb_of(request.service).in_switches:
-        raise BadInput(
-            "--purify is of repeaters that are hosts (--topology repeaters): leave it out"
-        )
-    by_hosts = request.service == "swap" and not request.purify
-    if by_hosts and request.schedule not in (None, PARALLEL):
-        raise BadInput(
-            f"--schedule {request.schedule}: hosts take turns only where they purify: add "
-            "--purify 1, or let switches swap (--topology chain)"
-        )
-    if planned and request.network.policy:
-        text = "--schedule and --purify make a policy of their own"
-        raise BadInput(f"{text}: write [swap] schedule and rounds into --policy")
+    check_turns(request)
     options = fitting_light(request, network.parts)
     check_options(options, request.network.backend)
     return replace(request, options=options), network, felt

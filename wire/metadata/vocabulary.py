@@ -31,7 +31,9 @@ class Service(IntEnum):
     members = vars()
     for registered in registered_services():
         if registered.name.upper() in members or registered.number in members.values():
-            raise ValueError(f"service {registered.name}: qmn has its name or number; choose others")
+            raise ValueError(
+                f"service {registered.name}: qmn has its name or number; choose others"
+            )
         members[registered.name.upper()] = registered.number
 
 
