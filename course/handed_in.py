@@ -50,7 +50,7 @@ class Run:
 
     @property
     def is_captured(self) -> bool:
-        """Whether the captures have a set-up message of each session: it has really run."""
+        """Whether the captures have a set-up message of each session; it can be forged."""
         captured = b"".join(file.read_bytes() for file in sorted(self.folder.glob("s1-*.pcap")))
         begin = header.MAGIC.to_bytes(2, "big") + bytes([header.VERSION])
         starts = {
