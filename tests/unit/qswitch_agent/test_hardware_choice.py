@@ -84,7 +84,7 @@ def test_hardware_that_cannot_be_is_refused(changes: dict[str, Any], message: st
 def test_telemetry_that_cannot_be_ends_the_agent_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "broken-1.dist-info").mkdir()
     points = tmp_path / "broken-1.dist-info" / "entry_points.txt"
-    points.write_text("[qmn.telemetry]\nbroken = nowhere:serving\n")
+    points.write_text("[qmn.telemetry]\nbroken = nowhere:serving\nother = nowhere:other\n")
     file = tmp_path / "agent.json"
     file.write_text(json.dumps(asdict(replace(CONFIG, gnmi=f"{tmp_path}/gnmi"))))
     done = subprocess.run(
