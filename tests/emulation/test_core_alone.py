@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-AROUND = ("applications", "evidence")
+AROUND = ("applications", "course", "evidence")
 NOT_COPIED = {*AROUND, *(f"{name}.dist-info" for name in AROUND), "labs", "runs", ".git", ".venv"}
 CORE_TESTS = (
     "copper",
@@ -23,7 +23,7 @@ CORE_TESTS = (
 
 @pytest.fixture(scope="module")
 def core(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a copy of the tree without applications/ and evidence/."""
+    """Return a copy of the tree without the packages around the core."""
     copy = tmp_path_factory.mktemp("core") / "qmn"
 
     def left_out(folder: str, names: list[str]) -> set[str]:
