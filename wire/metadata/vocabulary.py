@@ -30,7 +30,10 @@ class Service(IntEnum):
     SWITCH_SWAP = 17  # swapping by a switch's Bell analyser, to which both ends send halves
     members = vars()
     for registered in registered_services():
-        if registered.name.upper() in members or registered.number in members.values():
+        # From Python 3.13 on a class also has the number of its first line.
+        if registered.name.upper() in members or registered.number in [
+            value for name, value in members.items() if name.isupper()
+        ]:
             raise ValueError(
                 f"service {registered.name}: qmn has its name or number; choose others"
             )
