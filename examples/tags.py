@@ -21,7 +21,7 @@ def read(path):
 
 
 def shift(a, b, unit, bins):
-    """Return by how many units b is most often later than a, of so many bins of a unit."""
+    """Return the most frequent delay of b after a, counted in `bins` bins of `unit` each."""
     one, other = (np.fft.rfft(np.bincount(t // unit % bins, minlength=bins)) for t in (a, b))
     found = np.fft.irfft(one.conj() * other, bins).argmax()
     return (int(found) + bins // 2) % bins * unit - bins // 2 * unit

@@ -78,10 +78,10 @@ def output(folder: Path, *command: Path | str) -> str:
 def test_an_installed_wheel_runs_a_network(wheel: Path, tmp_path: Path) -> None:
     place = tmp_path / "environment"
     others = installed(place, wheel)
-    told = output(tmp_path, place / "bin" / "python", "-c", SCRIPT)
-    assert told == f"topologies.quantum_topo {others}/qmn/tree/qmn/scripting/__init__.py\n"
-    told = output(tmp_path, place / "bin" / "qmn", "run", "sdc", "--message", "installed")
-    assert "9 bytes, delivered exactly" in told
+    shown = output(tmp_path, place / "bin" / "python", "-c", SCRIPT)
+    assert shown == f"topologies.quantum_topo {others}/qmn/tree/qmn/scripting/__init__.py\n"
+    shown = output(tmp_path, place / "bin" / "qmn", "run", "sdc", "--message", "installed")
+    assert "9 bytes, delivered exactly" in shown
 
 
 @pytest.fixture(scope="module")
@@ -110,5 +110,5 @@ def test_its_scheduler_passes_exercise_6_of_the_course(qmn: Path, tmp_path: Path
         output(tmp_path, qmn, "run", *LOAD.split(), *more, "--runs", str(place))
     words = [each for place in runs for each in ("--run", place / "latest")]
     answers = ROOT / "examples" / "solutions" / "answers.toml"
-    told = output(tmp_path, qmn, "course", "check", "6", *words, "--answer", answers)
-    assert "missing" not in told
+    shown = output(tmp_path, qmn, "course", "check", "6", *words, "--answer", answers)
+    assert "missing" not in shown

@@ -13,10 +13,10 @@ WEAR = {"new": 0.0, "worn": MISREAD}
 def findings(runs: Runs) -> Sequence[Finding]:
     found = []
     for name, misread in WEAR.items():
-        told = runs[name].job.asking
+        figures = runs[name].job.asking
         theory = Published(1 - misread, 0.0, "an outcome is flipped or not")
         found.append(
-            Finding("", f"coins alike, {name}", proportion(told.agreed, told.coins), theory)
+            Finding("", f"coins alike, {name}", proportion(figures.agreed, figures.coins), theory)
         )
     return found
 
