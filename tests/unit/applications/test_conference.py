@@ -1,6 +1,7 @@
 """Conference keys between whole stacks over loopback, and what both ends make of outcomes."""
 
 import asyncio
+import re
 from dataclasses import replace
 from math import log2, sqrt
 from pathlib import Path
@@ -13,6 +14,8 @@ from line_scene import LINE as ALL
 from line_scene import summaries
 from stacks_scene import Change, network, requested
 
+from applications.qkd import conference
+from applications.qkd.bits import Bits
 from hosts import network_loop
 from hosts.middleware.session.values import numbers_of
 from hosts.service_socket import ServiceSocket
@@ -96,6 +99,20 @@ def test_too_few_states_leave_no_key(tmp_path: Path) -> None:
     text = refused(tmp_path, count=300)
     assert "no secret bit in" in text
     assert "--count more" in text
+
+
+def test_bits_that_differ_after_correction_are_no_key(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Belief propagation can end with a wrong word of the code, as it does here at one host."""
+    last_bits = [0, 1]
+
+    def wrong(key: Bits, *_words: object) -> Bits:
+        return np.concatenate([key[:-1], key[-1:] ^ last_bits.pop()])
+
+    monkeypatch.setattr(conference, "corrected", wrong)
+    text = refused(tmp_path)
+    assert re.search("the corrected bits of (bob|charlie) differ: nothing is delivered", text)
 
 
 def test_an_option_out_of_range_is_refused(tmp_path: Path) -> None:

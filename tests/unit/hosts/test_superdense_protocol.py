@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from hosts.hardware.replies import Symbols
+from hosts.middleware.services.superdense.options import SuperdenseOptions
 from hosts.middleware.services.superdense.receiver import (
     Collect,
     Discard,
@@ -340,3 +341,16 @@ def test_calls_out_of_turn_are_a_mistake_of_the_caller() -> None:
         ends.sender.heard(Report(7, 1, 64), 1.0)
     with pytest.raises(ValueError, match="waiting, not measuring"):
         ends.receiver.arrived(np.empty(0, np.uint8))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "text"),
+    [
+        ("frame_bytes", 0, "frame_bytes 0: choose 1 to 65536"),
+        ("fec", "turbo", "fec 'turbo': choose one of none, repetition"),
+        ("interleave", 3, "interleave 3: choose True or False"),
+    ],
+)
+def test_what_no_session_may_have_is_refused(name: str, value: object, text: str) -> None:
+    with pytest.raises(SessionError, match=text):
+        SuperdenseOptions.from_fields({"host": "bob", "port": 7, name: value})

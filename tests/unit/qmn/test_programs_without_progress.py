@@ -102,3 +102,17 @@ def test_a_stepped_clock_that_goes_slowly_has_a_second_of_its_own(tmp_path: Path
     with standing_still(tmp_path, "asking") as program:
         why(program, network=network, look=look)
     assert time.monotonic() - began_s > 4 * WAIT_S
+
+
+def test_programs_that_go_on_speaking_have_all_the_time_that_they_need(tmp_path: Path) -> None:
+    """Five words, each within the limit, take twice as long as it."""
+    program = Program("asking", tmp_path / "asking.log")
+    word, done = 'print(\'{"event": "result"}\', flush=True)', 'print(\'{"event": "done"}\')'
+    code = f"import time\nfor _ in range(5):\n {word}\n time.sleep({0.4 * WAIT_S})\n{done}"
+    program.start([sys.executable, "-c", code])
+    try:
+        network = cast("Network", Standing())
+        last = follow_all(network, [program], lambda *_fields: None, lambda: None, WAIT_S)
+    finally:
+        program.stop()
+    assert last == {"asking": {"event": "done"}}
