@@ -5,7 +5,7 @@ SHELL := /bin/bash
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
 .PHONY: help setup installed packages strongswan notebooks install uninstall run-sdc test test-docker lint types unit \
-    emulation test-swarm commands nightly mutants chaos fuzz bench live-speed curves labs picture lab-pictures site release image clean \
+    emulation test-swarm commands nightly mutants chaos fuzz bench live-speed curves labs picture recording lab-pictures site release image clean \
     lock browser q0-programs house
 
 PYTHON := .venv/bin/python
@@ -152,6 +152,9 @@ labs: setup ## Hold published results beside runs of the network (runs/labs/; AR
 
 picture: setup ## Rebuild the README's picture of a report
 	@setup/picture
+
+recording: .venv/site ## Record docs/minute.cast anew, which the site plays
+	@setup/recording
 
 lab-pictures: setup ## Rebuild the figures on the labs' pages
 	@setup/lab-pictures

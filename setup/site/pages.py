@@ -10,6 +10,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,8 @@ LANGUAGES = {
     "": "text",
 }
 PICTURES = {".png", ".svg"}
+RECORDING = ".cast"  # of a terminal
+PLAYER = "asciinema-player"
 MADE = {  # pages that a module prints
     "docs/options.md": "views.reference",
     "docs/messages.md": "views.message_reference",
@@ -46,6 +49,10 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     found += [File.generated(config, page, content=made(MADE[page], root)) for page in MADE]
     # A page that is not in the navigation is missed: MkDocs then says so.
     others = sorted(name for name in linked - set(pages) if not name.endswith(".md"))
+    if any(name.endswith(RECORDING) for name in others):
+        assets = resources.files("mkdocs_asciinema_player") / "assets"
+        for name in (f"{PLAYER}.min.js", f"{PLAYER}.css"):
+            found.append(File.generated(config, name, content=(assets / name).read_bytes()))
     found += [linked_file(config, root, name) for name in others if (root / name).is_file()]
     return Files(found)
 
@@ -59,8 +66,10 @@ def linked_file(config: MkDocsConfig, root: Path, name: str) -> File:
     """Return a picture as it is, and any other file as a page that shows it."""
     if Path(name).suffix in PICTURES:
         return File.generated(config, name, abs_src_path=str(root / name))
-    inclusion = InclusionLevel.NOT_IN_NAV
-    return File.generated(config, f"{name}.md", content=shown(root / name), inclusion=inclusion)
+    inclusion, text = InclusionLevel.NOT_IN_NAV, (root / name).read_text()
+    is_recording = Path(name).suffix == RECORDING
+    content = played(text, "../" * name.count("/")) if is_recording else shown(root / name)
+    return File.generated(config, f"{name}.md", content=content, inclusion=inclusion)
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
@@ -98,6 +107,22 @@ def shown(file: Path) -> str:
         cells = json.loads(file.read_text())["cells"]
         return "\n\n".join(shown_cell(cell["cell_type"], "".join(cell["source"])) for cell in cells)
     return f"# {file.name}\n\n{fenced(LANGUAGES[file.suffix], file.read_text())}"
+
+
+def played(recording: str, top: str) -> str:
+    """Return a page that plays a recording in asciinema's format, also where no server is."""
+    title = json.loads(recording.partition("\n")[0])["title"]
+    data = json.dumps(recording).replace("<", "\\u003c")
+    return f"""# {title}
+
+<link rel="stylesheet" href="{top}{PLAYER}.css">
+<div id="{PLAYER}"></div>
+<script src="{top}{PLAYER}.min.js"></script>
+<script>
+AsciinemaPlayer.create(
+    {{data: {data}}}, document.getElementById("{PLAYER}"), {{poster: "npt:0:30"}})
+</script>
+"""
 
 
 def shown_cell(kind: str, source: str) -> str:

@@ -81,3 +81,12 @@ def test_the_shim_is_the_published_one() -> None:
     for name, said in json.loads((folder / "origin.json").read_text())["sha512"].items():
         digest = hashlib.sha512((folder / name).read_bytes()).digest()
         assert base64.b64encode(digest).decode() == said, name
+
+
+def test_the_recording_is_in_asciinemas_format_and_of_the_machine_that_the_readme_shows() -> None:
+    header, *events = map(json.loads, (ROOT / "docs/minute.cast").read_text().splitlines())
+    assert (header["version"], header["width"]) == (2, 100)
+    assert {kind for _seconds, kind, _text in events} == {"o"}
+    shown = "".join(text for _seconds, _kind, text in events)
+    assert set(re.findall(r"\S+/qmn/runs/", shown)) == {"/home/you/qmn/runs/"}
+    assert "\x1b[1;32m$" in shown
