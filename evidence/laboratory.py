@@ -56,9 +56,9 @@ class JumpingClock:
 class Laboratory:
     """The hosts, fibres and switches of a configuration."""
 
-    def __init__(self, config: DispatcherConfig) -> None:
+    def __init__(self, config: DispatcherConfig, clock: JumpingClock | None = None) -> None:
         """Build the layer; raise BadConfig for an impossible network."""
-        self.clock = JumpingClock()
+        self.clock = clock or JumpingClock()
         self.layer = build_layer(config, self.clock, None)
         self._errors: list[BaseException] = []
         self.table = RequestTable(self.layer, self._errors.append)

@@ -19,7 +19,7 @@ from wire.registered import TELEMETRY, load, only
 class Agent:
     def __init__(self, config: AgentConfig, hardware: OpticalHardware) -> None:
         self._hardware, self._config = hardware, config
-        inner = inner_ports(config.analysers, config.memories, config.sources)
+        inner = inner_ports(config.analysers, config.memories, config.sources, config.emitters)
         self._paths = LightPaths(config.fiber_ports, hardware, config.time, inner)
         self._monitor = Monitor(config.management, self._paths.update, self._ports_changed)
         self._commands = Commands(config.management)

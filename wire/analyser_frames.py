@@ -5,7 +5,8 @@ A frame is Ethernet with the type of local experiments, as IP would need an addr
     address of receiver (6), of the inner port (6), type (2)
     "QMNA", end (1), 0 (1), outcomes in this frame (2)
     inner port (4), number (4), pulses of the block (4), the first of them in this frame (4)
-    how long halves waited in memories until they were measured, in us, on average (4)
+    how long halves waited in memories until they were measured, in us, on average; of a station
+    the attempts (4)
     two outcomes a byte, the first in its high bits: a Bell state, or 15 without a coincidence
 
 All numbers are in network byte order. The frames of one block have the same number, by which the
@@ -32,7 +33,7 @@ HEAD = struct.Struct("!4sBxHIIIII")
 ETHERNET_BYTES, LEAST_PAYLOAD, MOST_PAYLOAD = 14, 46, 1500
 MOST_OUTCOMES = 2 * (MOST_PAYLOAD - HEAD.size)
 MOST_PULSES = 1 << 24
-LONGEST_US = (1 << 32) - 1
+MOST = (1 << 32) - 1
 PLACES = b"\x02\0\0\0\0"  # of a chain: what the address of an analyser's frame begins with
 # Four bits of each outcome are a hexadecimal digit.
 DIGITS = bytes.maketrans(bytes([0, 1, 2, 3, NO_COINCIDENCE]), b"0123f")
@@ -56,9 +57,13 @@ class End(IntEnum):
     CUT_OFF = 4  # in a memory
     STORED = 5  # no end: a memory holds it now
     FAILED = 6
+    HERALDED = 7  # no end: a station has made pairs, in these Bell states
+    WAITS = 8  # no end: qubits attempt by one input of it, and none by the other yet
 
 
-WITH_OUTCOMES = End.MEASURED, End.STORED
+MEASURING = End.MEASURED, End.HERALDED  # of these a block may have no pulse
+WITH_OUTCOMES = *MEASURING, End.STORED
+TO_CONTROLLERS = End.STORED, End.WAITS  # by a type of their own
 COUNTED = End.NO_PARTNER, End.CLOSED, End.UNFIT  # of an analyser
 
 
@@ -106,7 +111,7 @@ class AnalyserFrame:
     pulses: int
     first: int = 0
     outcomes: bytes = b""  # one byte for each pulse: a Bell state, NO_COINCIDENCE without one
-    waited_us: int = 0  # by each half until it was measured, on average
+    waited_us: int = 0  # by each half until it was measured, on average; HERALDED: attempts
 
     def encode(self, receiver: bytes, sender: bytes) -> bytes:
         """Return the frame, padded as Ethernet wants it."""
@@ -114,7 +119,7 @@ class AnalyserFrame:
         packed = bytes.fromhex((self.outcomes.translate(DIGITS) + b"0" * (count % 2)).decode())
         fixed = self.end, count, self.port, self.number, self.pulses, self.first, self.waited_us
         payload = HEAD.pack(MAGIC, *fixed) + packed
-        kind = HERALDS if self.end == End.STORED else ETHER_TYPE
+        kind = HERALDS if self.end in TO_CONTROLLERS else ETHER_TYPE
         return receiver + sender + kind + payload.ljust(LEAST_PAYLOAD, b"\0")
 
     @classmethod
@@ -126,10 +131,10 @@ class AnalyserFrame:
             raise MalformedPacket(f"no frame of an analyser in {len(frame)} bytes")
         magic, end, count, port, number, pulses, first, waited_us = HEAD.unpack_from(payload)
         size = HEAD.size + (count + 1) // 2
-        wrong = end > max(End) or (end == End.STORED) != (kind == HERALDS)
+        wrong = end > max(End) or (end in TO_CONTROLLERS) != (kind == HERALDS)
         if magic != MAGIC or wrong or payload[5] or count > MOST_OUTCOMES:
             raise MalformedPacket(f"frame of an analyser that begins {payload[:8].hex()}")
-        least = end != End.MEASURED  # of two blocks that meet one may have no pulse left
+        least = end not in MEASURING  # of two blocks that meet one may have no pulse left
         if not least <= pulses <= MOST_PULSES or first + count > pulses or not port or not number:
             raise MalformedPacket(f"outcomes {first} to {first + count} of {pulses} pulses")
         if (end in WITH_OUTCOMES and pulses > 0) != (count > 0):
@@ -157,7 +162,7 @@ def frames_of(report: AnalyserFrame) -> Iterator[AnalyserFrame]:
 
 @dataclass(frozen=True)
 class Emission:
-    """A controller's frame to a source's port: make a block of pairs."""
+    """A controller's frame to the port of a source, or of a memory that emits: make pairs."""
 
     FIELDS = struct.Struct("!4sQIIII")
 

@@ -198,6 +198,7 @@ class AgentConfig(MeasuredConfig):
     memories: int = 0  # quantum memories in it
     memory: Memory = field(default_factory=Memory)  # what these are like
     sources: int = 0  # of pairs in it
+    emitters: int = 0  # of its memories, by an inner port each
     hardware: str = ""  # empty: the simulated switch; or "scpi://192.0.2.7:5025"
     # scpi: OpenFlow port number to the numbers of its [ingress, egress] at the instrument
     hardware_ports: dict[str, list[int]] = field(default_factory=dict)

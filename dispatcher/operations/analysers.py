@@ -53,9 +53,10 @@ class Reports:
 
     def add(self, node: str, report: BellOutcomes) -> None:
         """Number a report of a part, and queue it for the agent, if that watches."""
-        part = self._parts[node]
-        self._numbers[node] += 1
-        report.port, report.number = int(part.ports[0]), self._numbers[node]
+        part, number = self._parts[node], self._numbers[node] + 1
+        report.port, report.number = int(part.ports[0]), number
+        if report.end != BellOutcomes.WAITS:  # whose report is to come
+            self._numbers[node] = number
         for reports in self._queues.get(part.switch, ()):
             if reports.full():
                 reports.get_nowait()

@@ -45,9 +45,17 @@ Paths = tuple[StationWay, StationWay]
 
 
 class Heralding:
-    def __init__(self, layer: PhysicalLayer, failed: Callable[[BaseException], None]) -> None:
-        """Act on this layer; call `failed` with what ends the telling of hosts unexpectedly."""
-        self._layer, self._failed = layer, failed
+    def __init__(
+        self,
+        layer: PhysicalLayer,
+        failed: Callable[[BaseException], None],
+        came: Callable[[BlockName], None] = lambda _name: None,
+    ) -> None:
+        """Act on this layer; call `failed` with what ends the telling of hosts unexpectedly.
+
+        Call `came` with a block that its node has heard of.
+        """
+        self._layer, self._failed, self._came = layer, failed, came
         self._offers: dict[tuple[BlockName, str], Offer] = {}  # by the node, too, that attempts
         self._news: set[asyncio.Task[None]] = set()  # on its way to hosts
 
@@ -93,20 +101,33 @@ class Heralding:
         first_s = limits.timeout(request.first_timeout_s or limit_s, MAX_HERALD_S)
         names = [BlockName(request.session, request.number, half) for half in HALVES]
         try:
-            offers, paths = self._offered(node, names, request.ports)
-            link = self._link(node, offers, paths)
-            self._require_capacity(offers, request.count)
+            return await self.between(node, names, request.ports, request.count, (limit_s, first_s))
         except Refusal:
             news_ns = layer.clock.now_ns() + layer.news.farthest_ns(node)
             await layer.clock.wait_until(news_ns)
             raise
+
+    async def between(
+        self,
+        node: str,
+        names: Sequence[BlockName],
+        ports: Sequence[str],
+        count: int,
+        limits_s: tuple[float, float],
+    ) -> Feedback:
+        """Herald pairs of two blocks whose light comes to these ports of a station.
+
+        The limits are of a block, and of its first pair. Raise Refusal before any attempt.
+        """
+        layer = self._layer
+        offers, paths = self._offered(node, names, ports)
+        link = self._link(node, offers, paths)
+        self._require_capacity(offers, count)
         for name, offer in zip(names, offers, strict=True):
             del self._offers[name, offer.end.node]
-        rounds, first = (
-            max(round(each_s * 1e9) // link.period_ns, 1) for each_s in (limit_s, first_s)
-        )
+        rounds, first = (max(round(each_s * 1e9) // link.period_ns, 1) for each_s in limits_s)
         drawing = Drawing(layer, node, link, names)
-        heralded, used = await drawing.draw(request.count, rounds, first)
+        heralded, used = await drawing.draw(count, rounds, first)
         block = self._keep(node, link, names, offers, heralded) if heralded.count else None
         detail = (
             f"{tally(heralded.bell_states, BELL_STATES)} of {used * link.modes} attempts".strip()
@@ -203,12 +224,17 @@ class Heralding:
     ) -> Block:
         """Let pairs that a node has heralded be in the memories of both; return half 0."""
         layer = self._layer
-        lineage = layer.ownership.used_names.use(names[0].session, names[0].number)
+        lineages = {
+            numbers: layer.ownership.used_names.use(*numbers)
+            for numbers in dict.fromkeys(name[:2] for name in names)
+        }
         blocks = []
         registers = layer.sabot.bell_pairs(heralded.count)
-        for name, register, offer in zip(names, registers, offers, strict=True):
-            came_ns = link.emitted_ns(name.half, heralded.rounds)
-            block = Block(name, register, offer.end.node, came_ns=came_ns, lineage=lineage)
+        for half, (name, register, offer) in enumerate(zip(names, registers, offers, strict=True)):
+            came_ns, place = link.emitted_ns(half, heralded.rounds), offer.end.node
+            block = Block(name, register, place, came_ns=came_ns, lineage=lineages[name[:2]])
+            if memory := layer.network.memories.get(place):
+                block.port, block.pulses.frequency_mhz = memory.ports[0], offer.frequency_mhz
             block.first_ns, block.last_ns = came_ns[[0, -1]].tolist()
             block.start_ns, block.pulses.approximations = block.first_ns, heralded.approximations
             blocks.append(block)
@@ -222,7 +248,8 @@ class Heralding:
     def _news_ns(self, node: str, path: StationWay, host: str) -> int:
         """Return when a host can hear of what a node has just found: by light, or copper."""
         layer = self._layer
-        copper_ns = layer.news.from_ns(node, host)
+        part = layer.network.analysers.get(node)
+        copper_ns = layer.news.from_ns(part.switch if part else node, host)
         delay_ns = path.delay_ns if copper_ns is None else min(path.delay_ns, copper_ns)
         return layer.clock.now_ns() + max(delay_ns - 1, 0)  # what is rounded up is not late
 
@@ -246,6 +273,8 @@ class Heralding:
         if layer.ownership.is_closed(node, session) or not layer.memories.has_capacity(node):
             layer.record(node, "discard", block)
             layer.drop(block)
+        else:
+            self._came(block.name)
 
     def _end_news(self, task: asyncio.Task[None]) -> None:
         self._news.remove(task)
@@ -256,11 +285,11 @@ class Heralding:
         """Make of Phi+ what was heralded: a Bell state, or a state of the Z basis; with errors."""
         sabot, unentangled = self._layer.sabot, heralded.kind > 0
         sabot.pauli(blocks[1].register, heralded.bell_states)
-        for block in blocks if unentangled.any() else ():
+        for half, block in enumerate(blocks) if unentangled.any() else ():
             purpose = block.draws_for("heralded reset")
             draws = self._layer.draws.photons(block.name, purpose, heralded.count)
             sabot.reset(block.register, unentangled, draws)
-            sabot.pauli(block.register, BITS[heralded.kind, block.name.half])
+            sabot.pauli(block.register, BITS[heralded.kind, half])
         for block, paulis in zip(blocks, heralded.paulis, strict=True):
             sabot.explain(block.register, "heralded with errors", paulis)
             sabot.pauli(block.register, paulis)

@@ -164,8 +164,9 @@ class Drawing:
         light[random.events("readout", link.told_wrongly)] ^= PHASE
         first = light * (kind == 0)  # the others are entangled with no light
         second = np.zeros(count, np.uint8)
-        for errors, name, emitter in zip((first, second), self._names, link.emitters, strict=True):
-            own = random.at(f"emitter {name.half}")
+        emitters = zip((first, second), link.emitters, strict=True)
+        for half, (errors, emitter) in enumerate(emitters):
+            own = random.at(f"emitter {half}")
             at = own.events("error", 1 - emitter.fidelity)
             errors[at] ^= 1 + own.which("which", at.size, np.ones(3))
         outcomes = np.where(_minus(link, random), PSI_MINUS, PSI_PLUS).astype(np.uint8)

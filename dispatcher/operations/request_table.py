@@ -21,6 +21,7 @@ from dispatcher.operations.heralding import Heralding
 from dispatcher.operations.imperfections import over
 from dispatcher.operations.measurements import Measurements
 from dispatcher.operations.state_inspection import look, sense, tell
+from dispatcher.operations.stations import Stations
 from dispatcher.operations.switch_memories import SwitchMemories
 from dispatcher.operations.switching import Emission, Switching
 from dispatcher.operations.transport import Transport
@@ -44,15 +45,17 @@ class RequestTable:
     def __init__(self, layer: PhysicalLayer, failed: Callable[[BaseException], None]) -> None:
         """Call `failed` with an error of what goes on after a request, such as a flight."""
         self.layer = layer
-        self.heralding, self.blocks = Heralding(layer, failed), Operations(layer)
+        self.heralding = Heralding(layer, failed, self._came)
+        self.blocks = Operations(layer)
         measurements, resending = Measurements(layer), Resending(layer)
         network = layer.network
         self.reports = Reports({**network.analysers, **network.memories})
         self.analysers = Analysers(layer, measurements, self.reports, failed)
+        self.stations = Stations(layer, self.heralding, self.reports, failed)
         self.transport = Transport(layer, failed, self._came)
         self.memories = SwitchMemories(layer, self.transport, self.analysers, self.reports, failed)
         self.switching = Switching(layer, self._connected, self.memories.opened, self._part_failed)
-        emission = Emission(layer, self.blocks, self.transport, failed)
+        emission = Emission(layer, self.blocks, self.transport, self.stations.emit, failed)
         self.rows = {
             "create": Row(messages.CreateRequest, self._timed(self.blocks.create)),
             "apply": Row(messages.ApplyRequest, self._timed(self.blocks.apply)),
@@ -66,7 +69,7 @@ class RequestTable:
             "discard": Row(messages.DiscardRequest, self._discard),
             "gather": Row(messages.GatherRequest, Gathering(layer).gather),
             "resend": Row(messages.ResendRequest, self._timed(resending.resend)),
-            "attempt": Row(messages.AttemptRequest, self.heralding.attempt),
+            "attempt": Row(messages.AttemptRequest, self.stations.attempt),
             "herald": Row(messages.HeraldRequest, self.heralding.herald),
             "split": Row(messages.SplitRequest, Splitting(layer).split),
             "tell": Row(messages.TellRequest, self._on_layer(tell)),
@@ -92,10 +95,12 @@ class RequestTable:
 
     def _connected(self, switch: str, outputs: set[int]) -> None:
         self.analysers.close(switch, outputs)
+        self.stations.close(switch, outputs)
         self.memories.close(switch)
 
     def _part_failed(self, node: str) -> None:
         self.analysers.fail(node)
+        self.stations.fail(node)
         self.memories.fail(node)
 
     def _on_layer(self, handler: Callable[[PhysicalLayer, str, Any], Any]) -> Handler:

@@ -28,9 +28,10 @@ from dispatcher.operations.gathering import Gathering
 from dispatcher.operations.transport import Transport
 from dispatcher.refusal import Refusal, not_found
 from dispatcher.sabot.dense import TooLarge
-from dispatcher.timeouts import MEMORY_WAIT_S
+from dispatcher.timeouts import FIRST_HERALD_S, MEMORY_WAIT_S
 from wire.dispatcher_pb2 import BellOutcomes, KeepReply, KeepRequest, SwitchStatisticsReply
 from wire.outcomes import NO_CLICK
+from wire.parameters.switch import Kind
 
 
 class SwitchMemories:
@@ -79,10 +80,13 @@ class SwitchMemories:
         now = self._layer.network.switches[switch].timeline.connections
         leads = self._leads.get(switch, {})
         self._leads[switch] = {i: o for i, o in leads.items() if now.get(i) == o}
+        network = self._layer.network
+        lit = {str(port) for port in (*now, *now.values())}
         self._by_name -= {
             node
-            for node, part in self._layer.network.memories.items()
-            if part.switch == switch and int(part.ports[0]) not in now.values()
+            for node, part in network.memories.items()
+            if part.switch == switch
+            if lit.isdisjoint(network.parts[Kind.EMITTER].get(node, part).ports)
         }
 
     def opened(self, switch: str, ready_ns: int) -> None:
@@ -171,7 +175,9 @@ class SwitchMemories:
         limit.add_done_callback(self._ended)
 
     async def _expire(self, block: Block) -> None:
-        clock, cutoff_s = self._layer.clock, min(block.cutoff_s, MEMORY_WAIT_S)
+        clock = self._layer.clock
+        emits = block.node in self._layer.network.parts[Kind.EMITTER]
+        cutoff_s = min(block.cutoff_s, MEMORY_WAIT_S + FIRST_HERALD_S * emits)
         await clock.wait_until(block.last_ns + int(cutoff_s * 1e9))
         self._take(block)
         self._discard(block, BellOutcomes.CUT_OFF, "cut_off")

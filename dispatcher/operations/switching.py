@@ -1,7 +1,7 @@
 """Operations of quantum switches: cross-connects, tuning, statistics, faults."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 
@@ -27,7 +27,7 @@ from wire.dispatcher_pb2 import (
     SwitchStatisticsReply,
     TunePortRequest,
 )
-from wire.parameters.switch import Kind
+from wire.parameters.switch import Kind, inner_port
 
 
 def condition(switch: OpticalSwitch) -> SwitchCondition:
@@ -101,9 +101,11 @@ class Emission:
         layer: PhysicalLayer,
         blocks: Operations,
         transport: Transport,
+        attempt: Callable[[EmitRequest], Awaitable[None]],
         failed: Callable[[BaseException], None],
     ) -> None:
-        """Call `failed` with what ends a wait unexpectedly."""
+        """Call `attempt` for memories, and `failed` with what ends a wait unexpectedly."""
+        self._attempt = attempt
         self._sources = layer.network.parts[Kind.SOURCE]
         self._switches = layer.network.switches
         self._blocks, self._transport = blocks, transport
@@ -112,11 +114,14 @@ class Emission:
         self._busy_ns: dict[str, int] = {}
         self._next: dict[str, asyncio.Task[None]] = {}
 
-    def emit(self, _node: str, request: EmitRequest) -> EmitReply:
+    async def emit(self, _node: str, request: EmitRequest) -> EmitReply:
         """Make a block of pairs, and send each half out of a port of the source.
 
-        Its light leaves behind that of the block before.
+        Its light leaves behind that of the block before. A memory's qubits attempt instead.
         """
+        if inner_port(request.port).kind == Kind.EMITTER:
+            await self._attempt(request)
+            return EmitReply()
         found = (
             (node, part.ports)
             for node, part in self._sources.items()

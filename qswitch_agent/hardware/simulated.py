@@ -25,7 +25,7 @@ from qswitch_agent.hardware.optics import (
 from qswitch_agent.timeouts import CALL_DEADLINE_S, STEPPED_DEADLINE_S
 from wire import dispatcher_pb2 as messages
 from wire import dispatcher_service
-from wire.analyser_frames import LONGEST_US, AnalyserFrame, Emission, End, MemoryCounts
+from wire.analyser_frames import MOST, AnalyserFrame, Emission, End, MemoryCounts
 from wire.dispatcher_pb2 import CrossConnectOutcome, CrossConnectRequest
 from wire.dispatcher_service import cross_connects_socket
 from wire.malformed import MalformedPacket
@@ -222,10 +222,9 @@ class SimulatedSwitch:
         try:
             async for report in call:
                 end, pulses = End(report.end), report.photons
-                outcomes, waited_us = report.outcomes, report.waited_ns // 1000
-                fixed = report.port, report.number, end, pulses, 0, outcomes
-                frame = AnalyserFrame(*fixed, min(waited_us, LONGEST_US))
-                on_report(frame)
+                fixed = report.port, report.number, end, pulses, 0, report.outcomes
+                number = report.attempts or report.waited_ns // 1000
+                on_report(AnalyserFrame(*fixed, min(number, MOST)))
         except grpc.aio.AioRpcError as error:
             meaning = self._meaning(error.code(), error.details())
             raise HardwareFault(str(meaning)) from error

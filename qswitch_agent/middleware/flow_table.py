@@ -36,7 +36,8 @@ class FlowTable:
         """Light comes from fibres, memories and sources, and goes to fibres and to inner ports."""
         self.fibers, self.inner = frozenset(fiber_ports), frozenset(inner_ports)
         kinds = {port: inner_port(port).kind for port in self.inner}
-        self.sources = frozenset(port for port, kind in kinds.items() if kind == Kind.SOURCE)
+        emitting = Kind.SOURCE, Kind.EMITTER
+        self.sources = frozenset(port for port, kind in kinds.items() if kind in emitting)
         self.inputs = self.fibers | {p for p, kind in kinds.items() if kind != Kind.ANALYSER}
         self.light = self.fibers | self.inner  # where no packets go
         self.outputs = self.light - self.sources

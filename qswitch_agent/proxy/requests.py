@@ -351,7 +351,9 @@ class Requests:
         if (experimenter, kind) == (EXPERIMENTER, EMISSION):
             port, frame = int.from_bytes(body[:4]), body[4:]
             if port not in self._switch.paths.table.sources:
-                raise refusals.bad_out_port(f"port {port} is of no pair source")
+                raise refusals.bad_out_port(
+                    f"port {port} is of no source, and no memory emits there"
+                )
             await self._emit(port, frame)
             return
         self._link.to_bridge(message)

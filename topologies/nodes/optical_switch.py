@@ -36,7 +36,8 @@ class OpticalSwitch(ClassicalSwitch):
     `hardware` is "" for the simulated switch, or names an instrument, as scpi://192.0.2.7:5025;
     `hardware_ports` are the instrument's [ingress, egress] of each port that is a fibre's.
     `analysers`, `memories` and `sources` of pairs have inner ports (docs/switch-swaps.md);
-    `analyser`, `detectors`, `gates`, `memory` and `source` are what these are like, as at a host.
+    `analyser`, `detectors`, `gates`, `memory`, `emitter` and `source` are what these are like, as
+    at a host.
     `controller_port` names another controller than c0, at this TCP port of 127.0.0.1, that
     programs the switch alone; c0 does not know of it then, nor of its fibres.
     The datapath ID of q1 is 0x1001, unless `dpid` is given.
@@ -123,6 +124,7 @@ class OpticalSwitch(ClassicalSwitch):
             memories=optics.memories,
             memory=optics.memory,
             sources=optics.sources,
+            emitters=optics.emitters,
             hardware=self.hardware,
             hardware_ports=self.hardware_ports,
             credentials=self._credentials(),

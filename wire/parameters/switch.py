@@ -8,13 +8,14 @@ from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from typing import NamedTuple
 
-from wire.features import EMIT
+from wire.features import EMIT, HERALD
 from wire.outcomes import PAULIS
 from wire.parameters.physics import (
     BadParameter,
     BellAnalyser,
     Detectors,
     Device,
+    Emitter,
     Gates,
     Memory,
     PairSource,
@@ -28,6 +29,7 @@ FREQUENCY_MHZ = (1, 2**32 - 1)
 ROTATIONS = (0, len(PAULIS) - 1, ", ".join(PAULIS))
 # OpenFlow numbers of ports inside a switch, where no fibre ends.
 FIRST_INNER_PORT, FIRST_MEMORY_PORT, FIRST_SOURCE_PORT = 60_001, 61_001, 62_001
+FIRST_EMITTER_PORT = 63_001
 MOST_ANALYSERS, MOST_MEMORIES, MOST_SOURCES = 64, 256, 64
 INNER_PORTS = range(60_001, 65_280)  # all such numbers; Open vSwitch reserves those behind
 HALVES = 2  # of a pair: an analyser has an input for each, a source an output
@@ -39,6 +41,7 @@ class Kind(IntEnum):
     ANALYSER = 1
     MEMORY = 2
     SOURCE = 3
+    EMITTER = 4  # of a memory: by this port it emits, and what it holds leaves by the other
 
 
 class InnerPort(NamedTuple):
@@ -46,16 +49,17 @@ class InnerPort(NamedTuple):
 
     kind: Kind
     number: int  # of the part, of all of its kind, from 1
-    which: int  # input of an analyser, or half of a source's pairs, from 1; 0: of a memory
+    which: int  # input of an analyser, or half of a source's pairs, from 1; of a memory 0
 
     def node(self, switch: str) -> str:
         """Return the name of the node that the part is to light."""
-        return f"{switch}-{self.kind.name.lower()}{self.number}"
+        kind = Kind.MEMORY if self.kind == Kind.EMITTER else self.kind
+        return f"{switch}-{kind.name.lower()}{self.number}"
 
     def name(self, switch: str) -> str:
         """Return the name of the port."""
-        if self.kind == Kind.MEMORY:
-            return self.node(switch)
+        if self.kind in (Kind.MEMORY, Kind.EMITTER):
+            return self.node(switch) + "e" * (self.kind == Kind.EMITTER)
         part = "bell" if self.kind == Kind.ANALYSER else "pair"
         return f"{switch}-{part}{self.number}{' ab'[self.which]}"
 
@@ -100,6 +104,7 @@ class QuantumSwitch:
     gates: Gates = field(default_factory=Gates)
     memories: int = parameter(0, 0, MOST_MEMORIES)  # quantum memories, each with an inner port
     memory: Memory = field(default_factory=Memory)  # what all of them are like
+    emitter: Emitter = field(default_factory=Emitter)  # how these emit; by an inner port each
     sources: int = parameter(0, 0, MOST_SOURCES)  # of pairs, each with two inner ports
     source: PairSource = field(default_factory=PairSource)  # what all of them are like
 
@@ -111,14 +116,24 @@ class QuantumSwitch:
     @property
     def inner_ports(self) -> dict[int, InnerPort]:
         """Parts of the switch by the number of their ports."""
-        return inner_ports(self.analysers, self.memories, self.sources)
+        return inner_ports(self.analysers, self.memories, self.sources, self.emitters)
+
+    @property
+    def emitters(self) -> int:
+        """How many memories emit: all, or none."""
+        return self.memories if HERALD in self.memory_device.features else 0
+
+    @property
+    def memory_device(self) -> Device:
+        return replace(Device(), memory=self.memory, emitter=self.emitter)
 
     @property
     def inner_devices(self) -> dict[str, Device]:
         """The hardware of each part, by the name of its node."""
         devices = {
             Kind.ANALYSER: self.analyser_device,
-            Kind.MEMORY: replace(Device(), memory=self.memory),
+            Kind.MEMORY: self.memory_device,
+            Kind.EMITTER: self.memory_device,
             Kind.SOURCE: replace(Device(), source=self.source),
         }
         return {port.node(self.name): devices[port.kind] for port in self.inner_ports.values()}
@@ -156,17 +171,20 @@ class QuantumSwitch:
     def _check_memories(self) -> None:
         """Raise BadParameter for memories that no switch has."""
         memory, where = self.memory, f"{self.name}, memories"
-        replace(Device(), memory=memory).check(where)
-        if not self.memories and memory != Memory():
+        self.memory_device.check(where)
+        if not self.memories and self.memory_device != Device():
             raise BadParameter(
-                f"{self.name}: memory without memories has no effect; give memories=1 or more, too"
+                f"{self.name}: memory or emitter without memories has no effect; give memories=1 "
+                "or more, too"
             )
         if memory.noise:
             raise BadParameter(f"{where} have no noise models of one's own")
-        if memory.kind != Memory().kind or not memory.heralds_perfectly or not memory.capacity:
+        absorbs = memory.kind == Memory().kind or self.emitters
+        if not absorbs or not memory.heralds_perfectly or not memory.capacity:
             raise BadParameter(
-                f"{where} take in light, and tell what they hold: leave kind, herald_efficiency "
-                "and false_herald out, and take a capacity of 1 or more"
+                f"{where} take in light or emit, and tell what they hold: leave herald_efficiency "
+                "and false_herald out, give an emissive kind an emitter.scheme, and take a "
+                "capacity of 1 or more"
             )
 
     def _check_sources(self) -> None:
@@ -195,11 +213,14 @@ class QuantumSwitch:
         return f"{self.name}, path {path.in_port} -> {path.out_port}"
 
 
-def inner_ports(analysers: int, memories: int = 0, sources: int = 0) -> dict[int, InnerPort]:
+def inner_ports(
+    analysers: int, memories: int = 0, sources: int = 0, emitters: int = 0
+) -> dict[int, InnerPort]:
     """Return parts of a switch by the number of their ports."""
     numbers = [FIRST_INNER_PORT + place for place in range(HALVES * analysers)]
     numbers += [FIRST_MEMORY_PORT + place for place in range(memories)]
     numbers += [FIRST_SOURCE_PORT + place for place in range(HALVES * sources)]
+    numbers += [FIRST_EMITTER_PORT + place for place in range(emitters)]
     return {number: inner_port(number) for number in numbers}
 
 
@@ -207,6 +228,8 @@ def inner_port(number: int) -> InnerPort:
     """Return what a port leads to, by its number from FIRST_INNER_PORT on."""
     if FIRST_MEMORY_PORT <= number < FIRST_SOURCE_PORT:
         return InnerPort(Kind.MEMORY, number - FIRST_MEMORY_PORT + 1, 0)
+    if number >= FIRST_EMITTER_PORT:
+        return InnerPort(Kind.EMITTER, number - FIRST_EMITTER_PORT + 1, 0)
     source = number >= FIRST_SOURCE_PORT
     kind, first = (Kind.SOURCE, FIRST_SOURCE_PORT) if source else (Kind.ANALYSER, FIRST_INNER_PORT)
     place = number - first
@@ -215,4 +238,4 @@ def inner_port(number: int) -> InnerPort:
 
 OPTICS = frozenset(each.name for each in fields(QuantumSwitch)) - {"name"}  # what can be set
 # Of these, by topologies alone.
-COMPOUND = frozenset({"paths", "analyser", "detectors", "gates", "memory", "source"})
+COMPOUND = frozenset({"paths", "analyser", "detectors", "gates", "memory", "emitter", "source"})

@@ -378,7 +378,7 @@ def test_memories_that_no_switch_has_are_refused() -> None:
     with pytest.raises(BadParameter, match="without memories has no effect; give memories=1"):
         QuantumSwitch("q1", memory=Memory(capacity=5)).check()
     for wrong in (Memory(kind="emissive"), Memory(false_herald=0.1), Memory(capacity=0)):
-        with pytest.raises(BadParameter, match="memories take in light, and tell what they hold"):
+        with pytest.raises(BadParameter, match="memories take in light or emit, and tell"):
             QuantumSwitch("q1", memories=1, memory=wrong).check()
     with pytest.raises(BadParameter, match="memories have no noise models of one's own"):
         QuantumSwitch("q1", memories=1, memory=Memory(noise="mine.py:Mine")).check()
