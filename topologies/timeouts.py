@@ -38,7 +38,7 @@ INTERFACE_S = 0.1  # more, of each interface that it may add or take away: in qu
 VSCTL_GRACE_S = 5.0  # after the time-out of its own
 STAY_S = 0.5  # that no interface has gone in: the others stay until they are deleted
 PROBE_MS = 5000  # without a word of the controller, until Open vSwitch by itself asks for one
-STEPPED_PROBE_MS = 60_000  # the same, where time is stepped: a slow machine changes no result
+STEPPED_PROBE_MS = 86_400_000  # the same, where time is stepped: a slow machine loses no switch
 BUSY_MS = 20  # that a controller may need for each host before it answers
 RECONNECT_MS = 1000  # between a bridge's attempts to find its controller, at most
 
