@@ -39,7 +39,7 @@ class Late:
         self._keep(passed)
         self.reasons = {
             name: reason
-            for name, reason in failures(reporter)
+            for name, reason in reversed(failures(reporter))  # the first is the cause
             if name in passed and name not in before
         }
         for kind in FAILED:

@@ -6,6 +6,7 @@ PROGRAM_S = 0.5  # more, of each program that starts beside it: alone it takes 0
 QUIET_START_S = 5.0  # of a start, before it says what it waits for, and then again
 LEAP_TIMEOUT_S = 60.0  # until stepped time has reached an instant for which the runner waits
 STOP_TIMEOUT_S = 5.0  # until one that was asked to has ended; then, until one that is killed has
+STOP_WAITS = 4  # for so long, at most, for one that writes what it has to keep
 END_TIMEOUT_S = 1.0  # until a process has ended whose socket is closed; from one signal to the next
 DAEMON_END_TIMEOUT_S = 2.0  # the same, of a daemon that may write its memory to the disk first
 POLL_S = 0.02  # between two looks at what is waited for

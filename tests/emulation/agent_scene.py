@@ -22,6 +22,7 @@ from typing import Any
 import grpc
 import pytest
 from conftest import open_vswitch
+from limits import SOON_S
 from loaded import Running, forks
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
@@ -42,7 +43,7 @@ LLDP = bytes.fromhex("0180c200000e0a00000000aa88cc") + bytes(46)
 PING = bytes.fromhex("ffffffffffff0a00000000aa0800") + bytes(46)
 FLAGS = ofp.OFPBF_ATOMIC | ofp.OFPBF_ORDERED
 APPLY, WRITE = ofp.OFPIT_APPLY_ACTIONS, ofp.OFPIT_WRITE_ACTIONS
-DEADLINE_S = 30.0
+DEADLINE_S = SOON_S
 FIBER_PORTS = [1, 2, 3, 4]
 DATAPATH = ProtocolDesc(version=ofp.OFP_VERSION)
 BRIDGE = f"qat{os.getpid()}"

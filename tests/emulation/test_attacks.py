@@ -93,7 +93,7 @@ BURST, PAUSE_S = 50, 0.0005  # some 50,000 a second
 def test_a_flood_leaves_others_their_light(tmp_path: Path) -> None:
     """Queues for each port are served in turn (Open vSwitch's ofproto/pinsched.c).
 
-    Without them the first of these sessions hears that nobody answers. The flood has the lowest
+    Without them the first of these sessions hears that nobody answers. The flood has a low
     priority: what comes for the controller takes it a fifth of a processor, which it must get.
     """
     # Stepped time would stand as long as the flood runs; deadlines are ten times as long, as other
@@ -103,11 +103,11 @@ def test_a_flood_leaves_others_their_light(tmp_path: Path) -> None:
         interface = str(flooder.defaultIntf())
         flooder.cmd(f"ping -c 1 {victim.IP()}")
         words = (interface, victim.MAC(), flooder.IP(), victim.IP(), BURST, PAUSE_S)
-        command = ["nice", "-n", "19", python(), "-c", FLOOD.format(words=words)]
+        command = ["nice", "-n", "10", python(), "-c", FLOOD.format(words=words)]
         with flooder.popen(command) as flood:
             try:
                 sent = f"cat /sys/class/net/{interface}/statistics/tx_packets"
-                wait_until(lambda: int(flooder.cmd(sent)) > 100_000, "a flood")
+                wait_until(lambda: int(flooder.cmd(sent)) > 20_000, "a flood")
                 for number in range(5):
                     assert network.send("alice", "bob", bytes([number])).data == bytes([number])
             finally:

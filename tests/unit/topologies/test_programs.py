@@ -72,6 +72,29 @@ def test_one_that_ignores_the_signal_is_ended_by_force(
     assert deaf.status == -9
 
 
+def test_one_that_has_work_to_end_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half a second of a processor is more than one wait, here of .4 s."""
+    monkeypatch.setattr("topologies.system.processes.programs.STOP_TIMEOUT_S", 0.4)
+    monkeypatch.setattr("topologies.system.processes.programs.STOP_WAITS", 1000)
+    code = """
+import signal, sys, time
+def write(*_words):
+    while time.process_time() < begun + 0.5:
+        pass
+    sys.exit(7)
+begun = time.process_time()
+signal.signal(signal.SIGTERM, write)
+print("ready", flush=True)
+time.sleep(60)
+"""
+    writing = program(tmp_path, code)
+    writing.wait_for("ready", SOON_S)
+    writing.stop()
+    assert writing.status == 7
+
+
 def test_all_are_ended_together_also_those_never_started(tmp_path: Path) -> None:
     both = [program(tmp_path, "import time; time.sleep(60)", name) for name in ("a", "b")]
     stop_all([*both, Program("never", tmp_path / "never.log")])

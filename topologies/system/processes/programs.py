@@ -13,7 +13,7 @@ from typing import Protocol
 
 from programs.faults import reported_fault
 from topologies.system.processes.owners import owner
-from topologies.timeouts import POLL_S, STOP_TIMEOUT_S
+from topologies.timeouts import POLL_S, STOP_TIMEOUT_S, STOP_WAITS
 
 ROOT = Path(__file__).resolve().parents[3]
 SETUP = "run " + ("`make setup`" if (ROOT / "Makefile").exists() else "`qmn doctor --install`")
@@ -285,14 +285,20 @@ class Program:
             ) from error
 
     def stop(self) -> None:
-        """End it: politely, then by force after STOP_TIMEOUT_S."""
+        """End it: politely, then by force when it has done nothing for STOP_TIMEOUT_S."""
         if self._process is None:
             return
         self.ask_to_stop()
-        try:
-            self._process.wait(STOP_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            self.kill()
+        for _wait in range(STOP_WAITS):
+            used_s = self.processor_s
+            try:
+                self._process.wait(STOP_TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                if self.processor_s == used_s:
+                    break
+            else:
+                return
+        self.kill()
 
 
 def cause(output: str) -> str:
