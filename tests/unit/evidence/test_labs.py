@@ -5,6 +5,7 @@ import json
 import math
 import re
 import shlex
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -261,3 +262,23 @@ def test_quisp_purifies_and_swaps_as_others_say() -> None:
             assert 0 < error < 0.02
             assert abs(mean - value) < 5 * error, (figure["name"], key)
     assert len(quisp) == len(exact) + 5
+
+
+def test_mqns_swaps_and_purifies_waiting_pairs_as_closed_forms_say() -> None:
+    """Werner parameters multiply and fall by exp(-t / T); BBPSSW by Bennett et al., PRL 76, 722."""
+    page = tomllib.loads((catalogue.LABS / "multiverse" / "figures.toml").read_text())
+    for figure in page["figures"]:
+        links = {"swapped": 2, "swapped-twice": 3, "purified": 1, "swapped-purified": 2}
+        parameter = ((4 * figure["source"] - 1) / 3) ** links[figure["job"]]
+        kept = math.exp(-figure.get("waits", 0.0))
+        before = (1 + 3 * parameter * kept) / 4
+        if not figure["job"].endswith("purified"):
+            assert figure["fidelity"] == pytest.approx(before, abs=1e-6)
+            continue
+        wrong = (1 - before) / 3
+        success = before**2 + 2 * before * wrong + 5 * wrong**2
+        purified = (before**2 + wrong**2) / success
+        assert figure["fidelity"] == pytest.approx((1 + (4 * purified - 1) * kept) / 4, abs=1e-6)
+        if "survived" in figure:
+            error = math.sqrt(success * (1 - success) / figure["rounds"])
+            assert abs(figure["survived"] / figure["rounds"] - success) < 5 * error
