@@ -9,6 +9,11 @@ CONFERENCE = Verb(
     keys=True,
     line=True,
 )
+GHZ = Verb(
+    "make GHZ states of several hosts, and estimate their fidelity",
+    "states",
+    line=True,
+)
 GRAPH = Verb(
     "make graph states of several hosts, and estimate their fidelity",
     "states",

@@ -7,7 +7,6 @@ TITLES = {
     "teleport": "Teleportation",
     "distribute": "Entanglement distribution",
     "swap": "Entanglement swapping",
-    "ghz": "GHZ states",
     "load": "Heavy traffic",
     "keys": "Key managers",
     "vpn": "VPN",

@@ -11,7 +11,7 @@ from enum import Enum
 from functools import cache
 from typing import Any, NamedTuple
 
-from wire.features import ABSORB, EMIT, MEASURE, STORE, Feature
+from wire.features import Feature
 from wire.registered import Registry
 
 GROUP = "qmn.services"
@@ -47,7 +47,6 @@ PAIRS = (
     Beam(FiberOf(SOURCE, 1), FiberOf(ACCEPTOR, 0)),  # half 1
 )
 TO_NEXT = (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),)  # of a line of hosts
-NEEDS_OF_LINE = {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: ABSORB | STORE | MEASURE}
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from types import MappingProxyType
 from wire.features import ABSORB, EMIT, GATE, HERALD, INTERFERE, MEASURE, NOTHING, STORE, Feature
 from wire.light import (
     ACCEPTOR,
-    NEEDS_OF_LINE,
     OPENER,
     PAIRS,
     REPEATER,
@@ -50,7 +49,6 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
         Service.SWAP: (),  # its links have it
         Service.SWITCH_SWAP: (),  # who programs the switch, opens it
         Service.LINK: TO_NEXT,
-        Service.GHZ: TO_NEXT,
         # Its pairs come by the light of the session that it goes back on: either half of them
         # is at hand at either host, and who sends passes its own on.
         Service.SDC_RETURN: (Beam(FiberOf(OPENER, 0), FiberOf(ACCEPTOR, 1)),),
@@ -66,7 +64,7 @@ PREPARED = frozenset(service for service, each in REGISTERED.items() if each.pre
 MONITORS = frozenset(service for service, each in REGISTERED.items() if each.monitors)
 # Services of lines of hosts, each of which opens a session with the next: they count on from the
 # number of the first.
-LINES = frozenset({Service.GHZ} | {service for service, each in REGISTERED.items() if each.line})
+LINES = frozenset(service for service, each in REGISTERED.items() if each.line)
 
 
 # Where the opener is the source, of services that can do with that: it keeps half of each pair.
@@ -99,7 +97,6 @@ NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
             OPENER: ABSORB | STORE | MEASURE,
             ACCEPTOR: ABSORB | STORE | MEASURE,
         },
-        Service.GHZ: NEEDS_OF_LINE,
         Service.SWAP: {
             OPENER: EMIT | STORE,
             ACCEPTOR: ABSORB | STORE,

@@ -10,12 +10,12 @@ from uuid import UUID
 from applications.conference.follower import Follower
 from applications.conference.leader import Leader
 from applications.conference.protocol import ConferenceOptions, Keys
+from applications.ghz import connections
 from applications.qkd.bits import Bits
 from applications.qkd.conference import Pools
 from applications.qkd.conference_proposal import ConferenceProposal
 from applications.qkd.key_files import KeyStoreError
 from applications.qkd.keyring import Keyring, NothingShared, keyring_of
-from hosts.middleware.services.ghz import connections
 from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
 from hosts.middleware.session.errors import SessionError
 from wire.metadata.vocabulary import Reason, Service

@@ -16,6 +16,8 @@ from applications.conference.protocol import (
     key_ids,
 )
 from applications.conference.service import ConferenceFollowerFigures
+from applications.ghz import line
+from applications.ghz.line import Table
 from applications.qkd import conference
 from applications.qkd.amplification import seed_bits
 from applications.qkd.authentication import TAG_BYTES
@@ -25,8 +27,6 @@ from applications.qkd.conference_proposal import ConferenceProposal
 from applications.timeouts import KEYS_TIMEOUT_S
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
-from hosts.middleware.services.ghz import line
-from hosts.middleware.services.ghz.line import Table
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.estimation import Estimate
 from hosts.middleware.session.protocol import Say, Steps, Work, do, hear

@@ -17,6 +17,7 @@ from applications.conference.protocol import (
     tags_of,
 )
 from applications.conference.service import ConferenceFigures
+from applications.ghz import line
 from applications.key_distribution.options import BOUNDS
 from applications.qkd import conference
 from applications.qkd.amplification import seed_bits
@@ -28,7 +29,6 @@ from applications.qkd.key_store import KEY_BITS
 from applications.qkd.messages import Bound
 from applications.timeouts import KEYS_TIMEOUT_S
 from hosts.hardware.qnic import Qnic
-from hosts.middleware.services.ghz import line
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Now, Steps, Tell, Work, do
 from hosts.timeouts import BITS_TIMEOUT_S

@@ -27,14 +27,14 @@ from uuid import UUID
 
 import numpy as np
 
+from applications.ghz.line import Right
+from applications.ghz.options import GhzOptions
 from applications.key_distribution.options import bound_option, check_decoder
 from applications.qkd.authentication import TAG_BYTES, ForgedMessage, KeyPoolExhausted
 from applications.qkd.bits import Bits
 from applications.qkd.conference import Contradiction, Pools
 from applications.qkd.conference_proposal import ConferenceProposal
 from applications.qkd.key_store import KEY_BITS, key_id
-from hosts.middleware.services.ghz.line import Right
-from hosts.middleware.services.ghz.options import GhzOptions
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Hear, Say, Steps
 from hosts.middleware.session.values import Numbers

@@ -1,7 +1,7 @@
 """Conference keys, as every process knows them."""
 
-from wire.light import NEEDS_OF_LINE, TO_NEXT, RegisteredService
-from wire.results.figures import FollowerFigures, LineFigures
+from applications.ghz.service import NEEDS_OF_LINE, FollowerFigures, LineFigures
+from wire.light import TO_NEXT, RegisteredService
 
 
 class ConferenceFigures(LineFigures):

@@ -14,12 +14,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from applications.ghz.line import Right, Table, seen
+from applications.ghz.witness import X, Y, Z
 from applications.graph_states.graph import Graph, Half
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
-from hosts.middleware.services.ghz.line import Right, Table, seen
-from hosts.middleware.services.ghz.witness import X, Y, Z
 from hosts.middleware.session.blocks import LOST, Mask, keep_of_all, store
 from hosts.middleware.session.protocol import Side, Steps, do
 

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.middleware.services.ghz.options import LEAST_HOSTS, MOST_HOSTS
+from applications.ghz.options import LEAST_HOSTS, MOST_HOSTS
 from wire.parameters.checks import remedy
 
 Edge = tuple[int, int]  # places in the line, the lower first

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from applications.ghz.options import GhzOptions
 from applications.graph_states.graph import NAMED, Graph, read_graph
-from hosts.middleware.services.ghz.options import GhzOptions
 from hosts.middleware.session.errors import SessionError
 from wire.metadata.vocabulary import Reason
 from wire.parameters.option import option

@@ -17,6 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from applications.ghz import protocol
+from applications.ghz.line import Table
 from applications.graph_states.fusion import Fusion, combined, lit
 from applications.graph_states.graph import graph_of_numbers, numbers_of_graph
 from applications.graph_states.options import COLOURS, GraphOptions
@@ -24,8 +26,6 @@ from applications.graph_states.service import GraphFigures
 from applications.graph_states.witness import Colours, Stabilisers
 from hosts.hardware.operations import BlockName
 from hosts.hardware.replies import Symbols
-from hosts.middleware.services.ghz import protocol
-from hosts.middleware.services.ghz.line import Table
 from hosts.middleware.session.blocks import LOST
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Steps, coming, hear

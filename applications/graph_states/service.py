@@ -1,7 +1,7 @@
 """Graph states, as every process knows them."""
 
-from wire.light import NEEDS_OF_LINE, TO_NEXT, RegisteredService
-from wire.results.figures import LineFigures
+from applications.ghz.service import NEEDS_OF_LINE, LineFigures
+from wire.light import TO_NEXT, RegisteredService
 
 
 class GraphFigures(LineFigures):

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from applications.ghz.line import Table
+from applications.ghz.witness import X, Y, Z
 from applications.graph_states.graph import Graph
-from hosts.middleware.services.ghz.line import Table
-from hosts.middleware.services.ghz.witness import X, Y, Z
 from hosts.middleware.session.estimation import share_variance
 
 

@@ -19,14 +19,14 @@ from typing import Any
 
 import numpy as np
 
+from applications.ghz import line
+from applications.ghz.line import Table
+from applications.ghz.options import GhzOptions
 from applications.sensing.fringe import Fringe, in_rad
 from applications.sensing.service import SensingFigures
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
-from hosts.middleware.services.ghz import line
-from hosts.middleware.services.ghz.line import Table
-from hosts.middleware.services.ghz.options import GhzOptions
 from hosts.middleware.session.blocks import LOST, PAIRS
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Steps, do, hear

@@ -1,7 +1,7 @@
 """Distributed sensing, as every process knows it."""
 
-from wire.light import ACCEPTOR, NEEDS_OF_LINE, OPENER, TO_NEXT, RegisteredService
-from wire.results.figures import LineFigures
+from applications.ghz.service import NEEDS_OF_LINE, LineFigures
+from wire.light import ACCEPTOR, OPENER, TO_NEXT, RegisteredService
 
 
 class SensingFigures(LineFigures):

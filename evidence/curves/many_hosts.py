@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from applications.ghz.witness import Tally, chosen_bases
 from applications.graph_states.graph import NAMED, Graph
 from applications.graph_states.witness import Stabilisers
 from applications.qkd.conference import asymptotic_rate
@@ -28,7 +29,6 @@ from evidence.curves.link import blocks, fiber, network, share
 from evidence.curves.mdi import DARK_COUNT, DETECTORS, EFFICIENCY
 from evidence.curves.parameters import Point
 from evidence.laboratory import BlockKey, LaboratoryHost, block_id
-from hosts.middleware.services.ghz.witness import Tally, chosen_bases
 from wire.dispatcher_pb2 import Gate, MeasureRequest
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import Detectors, Device, Sensor

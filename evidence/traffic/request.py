@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from applications.ghz.options import LEAST_HOSTS, MOST_HOSTS
 from evidence.traffic.plan import MODELS, MOST_SESSIONS
 from hosts.middleware.services import named
-from hosts.middleware.services.ghz.options import LEAST_HOSTS, MOST_HOSTS
 from qmn.network.options import NetworkOptions
 from qmn.requests.run_options import RunOptions
 from wire.parameters.option import option

@@ -6,7 +6,6 @@ from typing import Any
 
 from controller_apps.policy.schedules import PARALLEL, SCHEDULES
 from hosts.middleware.services import named
-from hosts.middleware.services.ghz.options import GhzOptions
 from hosts.middleware.session.options import ServiceOptions
 from qmn.network.options import NetworkOptions
 from qmn.options import from_keywords
@@ -102,8 +101,7 @@ class ServiceRequest(SenderOptions, BlockOptions, EavesdropperOptions, HandOutOp
 
     @property
     def others(self) -> tuple[str, ...]:
-        names = self.options.names if isinstance(self.options, GhzOptions) else []
-        return tuple(names[2:])
+        return tuple(self.options.names[2:])
 
 
 def parts_of(verb: Verb) -> list[type[Any]]:
@@ -135,12 +133,14 @@ def service_request(
     service: str, receiver: str = "bob", topology: str = "", **given: Any
 ) -> ServiceRequest:
     """Return the request that options fill, by their names; raise BadInput for one there is not."""
+    options = named()[service].options
+    line = given.get("line", getattr(options, "line", ""))
     return from_keywords(
         ServiceRequest,
         given,
-        {"options": named()[service].options},
+        {"options": options},
         service=service,
         port=SERVICE_PORT,
         topology=topology or ("" if given.get("map") else verb_of(service).topology),
-        **{"host": receiver, **ends_of_line(service, given.get("line", GhzOptions.line))},
+        **{"host": receiver, **ends_of_line(service, line)},
     )

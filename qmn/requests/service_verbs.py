@@ -41,11 +41,6 @@ OWN: Mapping[str, Verb] = MappingProxyType(
             scheduled=True,
             in_switches="switch_swap",
         ),
-        "ghz": Verb(
-            "make GHZ states of several hosts, and estimate their fidelity",
-            "states",
-            line=True,
-        ),
         "teleport": Verb(
             "teleport states",
             "states",

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from applications.ghz.service import GhzFigures
 from qmn.options import BadInput
 from qmn.results.run_result import RunResult
 from qmn.scripting import run, start, start_for
 from topologies.system.processes.programs import NetworkError
 from wire.results.figures import (
-    GhzFigures,
     KeyFigures,
     PairFigures,
     StoredKeyFigures,

@@ -185,13 +185,15 @@ def test_the_machinery_of_networks_knows_no_topology_by_name() -> None:
 
 SERVICES = "hosts/middleware/services"
 ROOMS = (
-    *("conference", "graph_states", "interception", "key_distribution", "qkd", "sealing"),
-    "sensing",
+    *("conference", "ghz", "graph_states", "interception", "key_distribution", "qkd"),
+    *("sealing", "sensing"),
 )
 AROUND = [f"applications/{name}" for name in ROOMS]
 # What carries out what protocols order; whatever else a service has is a protocol.
 CARRIERS = {
     "applications/conference/conference.py",
+    "applications/ghz/connections.py",
+    "applications/ghz/ends.py",
     "applications/graph_states/ends.py",
     "applications/interception/interception.py",
     "applications/key_distribution/key_handout.py",
@@ -202,7 +204,6 @@ CARRIERS = {
     "applications/sealing/seal.py",
     "applications/sensing/ends.py",
     f"{SERVICES}/distribution/distribute.py",
-    f"{SERVICES}/ghz/connections.py",
     f"{SERVICES}/superdense/superdense.py",
     f"{SERVICES}/swapping/connections.py",
     f"{SERVICES}/swapping/swap.py",

@@ -4,7 +4,6 @@ from qmn.results.run_result import RunResult
 from views.titles import TITLES
 from wire.results.figures import (
     EveFigures,
-    GhzFigures,
     KeyFigures,
     PairFigures,
     SealFigures,
@@ -98,11 +97,11 @@ def _of_states(result: RunResult) -> str:
                 return text
             known = found.fidelity, found.fidelity_low, found.fidelity_high
             return f"{text}, with fidelity {interval(*known)}"
-        case GhzFigures(fidelity=float(fidelity), fidelity_error=float(error)) as found:
-            bounds = max(fidelity - NORMAL_95 * error, 0.0), min(fidelity + NORMAL_95 * error, 1.0)
-            text = f"{found.states:,} states of {found.hosts} hosts"
-            return f"{text}, with fidelity {interval(fidelity, *bounds)}"
         case SealFigures() as found:
             verdict = "Alarm: somebody measures" if found.alarm else "No alarm"
             return f"{verdict}, {found.compared:,} pairs of {begin} and {end} compared"
+    match vars(result.asking):  # of a line of hosts, whichever service it is
+        case {"states": states, "hosts": hosts, "fidelity": float(mean), "fidelity_error": error}:
+            bounds = max(mean - NORMAL_95 * error, 0.0), min(mean + NORMAL_95 * error, 1.0)
+            return f"{states:,} states of {hosts} hosts, with fidelity {interval(mean, *bounds)}"
     return ""

@@ -26,7 +26,6 @@ class Service(IntEnum):
     SWAP = 7  # entanglement swapping, by way of repeaters
     LINK = 8  # between neighbours of such a chain: the opener makes pairs and keeps half of each
     SDC_RETURN = 9  # superdense coding back to the opener of a session of it, with its light
-    GHZ = 11  # states of several hosts: this is between two neighbours of their line
     SWITCH_SWAP = 17  # swapping by a switch's Bell analyser, to which both ends send halves
     members = vars()
     for registered in registered_services():

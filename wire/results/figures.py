@@ -115,33 +115,6 @@ class PairFigures(MemoryFigures):
     elapsed_s: float
 
 
-class LineFigures(Figures):
-    """Of the leader of a line of hosts, whatever its states are for."""
-
-    states: int  # with outcomes
-    hosts: int
-    made: int
-    emitted: int  # pairs of its own
-    states_per_s: float
-    elapsed_s: float
-
-
-class FollowerFigures(Figures):
-    """Of a host of the line that another has asked."""
-
-    states: int
-    fused: int
-
-
-class GhzFigures(LineFigures):
-    """Of GHZ states, at their leader."""
-
-    fidelity: float | None
-    fidelity_error: float | None  # standard error
-    equal_in_z: float | None
-    coherence: float | None
-
-
 class SealFigures(Figures):
     """Of a tamper seal, at its opener."""
 

@@ -7,9 +7,6 @@ from typing import TYPE_CHECKING
 from wire.light import registered_services
 from wire.results.figures import (
     Figures,
-    FollowerFigures,
-    GhzFigures,
-    LineFigures,
     PairFigures,
     ReceiverFigures,
     SentFigures,
@@ -22,12 +19,5 @@ else:
     ServiceFigures = reduce(
         or_,
         (kind for service in registered_services() for kind in service.figures),
-        Figures
-        | TeleportFigures
-        | PairFigures
-        | LineFigures
-        | FollowerFigures
-        | GhzFigures
-        | SentFigures
-        | ReceiverFigures,
+        Figures | TeleportFigures | PairFigures | SentFigures | ReceiverFigures,
     )

@@ -8,9 +8,6 @@ from types import MappingProxyType
 
 from hosts.middleware.services import switch_swap
 from hosts.middleware.services.distribution import distribute
-from hosts.middleware.services.ghz import connections
-from hosts.middleware.services.ghz import protocol as ghz
-from hosts.middleware.services.ghz.options import GhzOptions
 from hosts.middleware.services.superdense import superdense
 from hosts.middleware.services.swapping import swap
 from hosts.middleware.services.teleportation import teleport
@@ -29,7 +26,6 @@ def kinds() -> Mapping[Service, ServiceKind]:
         superdense.KIND,
         superdense.RETURN_KIND,
         distribute.KIND,
-        connections.line(Service.GHZ, GhzOptions, ghz.Leader, ghz.Follower),
         swap.KIND,
         switch_swap.KIND,
         teleport.KIND,

@@ -147,6 +147,11 @@ class ServiceOptions(SessionOptions):
         return 0.0
 
     @property
+    def names(self) -> list[str]:
+        """Return the hosts of a line, in their order; a session of two has none."""
+        return []
+
+    @property
     def sends_light(self) -> bool:
         """Return whether hosts send each other light."""
         return True

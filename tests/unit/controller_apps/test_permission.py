@@ -105,7 +105,7 @@ def test_a_session_has_a_number_of_its_opener() -> None:
 
 @pytest.mark.parametrize(
     "service",
-    [Service.GHZ, Service["GRAPH"], Service["SENSE"], Service["CONFERENCE"]],
+    [Service["GHZ"], Service["GRAPH"], Service["SENSE"], Service["CONFERENCE"]],
     ids=lambda at: at.name,
 )
 def test_a_host_in_a_line_goes_on_with_the_number_of_the_host_before_it(service: Service) -> None:

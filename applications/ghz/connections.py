@@ -10,9 +10,7 @@ from contextlib import asynccontextmanager
 from dataclasses import replace
 from functools import partial
 
-from hosts.hardware.qnic import release
-from hosts.hardware.replies import HardwareError
-from hosts.middleware.services.ghz.line import (
+from applications.ghz.line import (
     Follower,
     Leader,
     Right,
@@ -21,7 +19,9 @@ from hosts.middleware.services.ghz.line import (
     introduced,
     most_states,
 )
-from hosts.middleware.services.ghz.options import GhzOptions
+from applications.ghz.options import GhzOptions
+from hosts.hardware.qnic import release
+from hosts.hardware.replies import HardwareError
 from hosts.middleware.session import node_features
 from hosts.middleware.session.arrangement import Arrangement, Light
 from hosts.middleware.session.ends import AcceptorEnd, ConnectionEnd, OpenerEnd, ServiceKind

@@ -13,9 +13,9 @@ from line_scene import LINE, MEMORIES, PATHS, five_t2_late, summaries
 from numpy.typing import NDArray
 from stacks_scene import live_qubits, network
 
+from applications.ghz.line import most_states
+from applications.ghz.witness import Tally, X, Y, Z, chosen_bases
 from hosts import network_loop
-from hosts.middleware.services.ghz.line import most_states
-from hosts.middleware.services.ghz.witness import Tally, X, Y, Z, chosen_bases
 from hosts.middleware.session.values import values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError

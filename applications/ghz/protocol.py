@@ -11,16 +11,16 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
+from applications.ghz import line
+from applications.ghz.line import Table
+from applications.ghz.service import GhzFigures, LineFigures
+from applications.ghz.witness import Tally, chosen_bases
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
-from hosts.middleware.services.ghz import line
-from hosts.middleware.services.ghz.line import Table
-from hosts.middleware.services.ghz.witness import Tally, chosen_bases
 from hosts.middleware.session.protocol import Steps, do, hear
 from hosts.timeouts import BITS_TIMEOUT_S
 from wire.metadata.values import Topic
 from wire.outcomes import BASES
-from wire.results.figures import GhzFigures, LineFigures
 
 
 class Witness(Protocol):

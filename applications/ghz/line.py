@@ -23,10 +23,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from applications.ghz.options import MOST_HOSTS, GhzOptions
+from applications.ghz.service import FollowerFigures, LineFigures
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
-from hosts.middleware.services.ghz.options import MOST_HOSTS, GhzOptions
 from hosts.middleware.session.blocks import LOST, Mask, correct_rotation, keep_of_all, store
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.offers import unanswered
@@ -56,7 +57,6 @@ from wire.metadata.header import MAX_LENGTH
 from wire.metadata.setup import Setup
 from wire.metadata.values import Envelope, Topic, Values
 from wire.metadata.vocabulary import Reason
-from wire.results.figures import FollowerFigures, LineFigures
 
 NO_DIGEST = bytes(32)
 MOST_DARK = 10  # blocks in a row of which nothing is left
