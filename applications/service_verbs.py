@@ -33,3 +33,4 @@ SENSE = Verb(
     "states",
     line=True,
 )
+TELEPORT = Verb("teleport states", "states", source=True)

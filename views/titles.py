@@ -4,7 +4,6 @@ from wire.light import registered_services
 
 TITLES = {
     "sdc": "Superdense coding",
-    "teleport": "Teleportation",
     "distribute": "Entanglement distribution",
     "swap": "Entanglement swapping",
     "load": "Heavy traffic",

@@ -67,6 +67,8 @@ class RegisteredService:
     line: bool = False  # each of several hosts opens a session with the next
     # Parts of devices that a role uses, beside those that its needs name (wire.parameters.physics).
     uses: Mapping[Role, tuple[str, ...]] = field(default_factory=dict)
+    # Roles that Bell-measure their halves with states that they prepare.
+    joins: frozenset[Role] = frozenset()
 
     def __post_init__(self) -> None:
         if not 0 < self.number <= HIGHEST_NUMBER:

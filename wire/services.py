@@ -45,7 +45,6 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
             Beam(FiberOf(SOURCE, 1), FiberOf(ACCEPTOR, 0)),
         ),
         Service.DISTRIBUTE: PAIRS,
-        Service.TELEPORT: PAIRS,
         Service.SWAP: (),  # its links have it
         Service.SWITCH_SWAP: (),  # who programs the switch, opens it
         Service.LINK: TO_NEXT,
@@ -69,7 +68,7 @@ LINES = frozenset(service for service, each in REGISTERED.items() if each.line)
 
 # Where the opener is the source, of services that can do with that: it keeps half of each pair.
 OWN_LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
-    dict.fromkeys((Service.DISTRIBUTE, Service.TELEPORT), TO_NEXT)
+    {Service.DISTRIBUTE: TO_NEXT}
     | {service: each.own_light for service, each in REGISTERED.items() if each.own_light}
 )
 # Where memories emit and a station heralds, in place of a source.
@@ -92,11 +91,6 @@ NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
         Service.SDC: {SOURCE: EMIT, ACCEPTOR: MEASURE},
         Service.SDC_RETURN: {SOURCE: EMIT, ACCEPTOR: MEASURE},
         Service.DISTRIBUTE: {SOURCE: EMIT, OPENER: ABSORB | STORE, ACCEPTOR: ABSORB | STORE},
-        Service.TELEPORT: {
-            SOURCE: EMIT,
-            OPENER: ABSORB | STORE | MEASURE,
-            ACCEPTOR: ABSORB | STORE | MEASURE,
-        },
         Service.SWAP: {
             OPENER: EMIT | STORE,
             ACCEPTOR: ABSORB | STORE,
@@ -181,6 +175,11 @@ def needs(service: Service, role: Role, by: Making = Making.SOURCE) -> Feature:
 def used_parts(service: Service, role: Role) -> tuple[str, ...]:
     """Return the parts of a device that a package's service uses beside those of its needs."""
     return REGISTERED[service].uses.get(role, ()) if service in REGISTERED else ()
+
+
+def joins(service: Service, role: Role) -> bool:
+    """Return whether a role of a package's service measures its halves with states of its own."""
+    return service in REGISTERED and role in REGISTERED[service].joins
 
 
 @cache

@@ -120,7 +120,7 @@ def set_ups(interface: str, count: int, to_mac: str, own: str, to: str) -> int:
             / TCP(
                 sport=FIRST_PORT + number, dport=METADATA_PORT, flags="PA", seq=1, ack=1, window=502
             )
-            / Setup(number + 1, Service.TELEPORT, 1, own, 100, 1, 1_000_000, port=9).encode()
+            / Setup(number + 1, Service["TELEPORT"], 1, own, 100, 1, 1_000_000, port=9).encode()
         )
         for number in range(count)
     )

@@ -10,7 +10,6 @@ from rich.console import Console
 
 from controller_apps.policy.schedules import PARALLEL
 from hosts.middleware.services.switch_swap import MOST_SWITCHES, SwapOptions
-from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import ServiceOptions
 from hosts.timeouts import MAX_BLOCK_S
@@ -272,14 +271,9 @@ def check_options(options: ServiceOptions, backend: str) -> None:
     """Raise BadInput for what the service, or what simulates its states, would not take."""
     try:
         options.check()
+        options.check_backend(backend)
     except SessionError as error:
         raise BadInput(str(error)) from error
-    state = getattr(options, "state", qubit_states.RANDOM)
-    if backend != "dense" and qubit_states.needs_vectors(state):
-        raise BadInput(
-            f"--state {state} is not a stabiliser state, as --backend {backend} holds "
-            f"them: add --backend dense, or choose {', '.join(qubit_states.NAMES)} or random"
-        )
 
 
 def fitting_light(request: ServiceRequest, parts: Description) -> ServiceOptions:

@@ -21,7 +21,7 @@ from wire.features import EMIT, HERALD, INTERFERE, MEASURE, STORE
 from wire.light import Role
 from wire.metadata.vocabulary import Service
 from wire.parameters.physics import Device
-from wire.services import PREPARED, RETURNS, Making, beams, needs, used_parts, uses_source
+from wire.services import PREPARED, RETURNS, Making, beams, joins, needs, used_parts, uses_source
 
 Settings = frozenset[str]  # PART.NAME
 PARTS: dict[str, Any] = {each.name: each.default for each in fields(Device)}
@@ -54,13 +54,11 @@ STATION = _of("analyser", "detectors") | {"source.statistics"}  # a station has 
 RATE: Settings = frozenset({"source.max_rate_hz"})  # the slowest source limits every session
 BELL = {
     (Service.SDC, Role.ACCEPTOR),
-    (Service.TELEPORT, Role.OPENER),
     (Service.SWAP, Role.REPEATER),
 }
 BESIDES = {
     (Service.SDC, Role.OPENER): PAULIS | _of("memory"),
     (Service.SDC_RETURN, Role.OPENER): PAULIS | _of("memory"),
-    (Service.TELEPORT, Role.OPENER): STATES,
 }
 FIBERS_OF_REPEATER = 2  # also of a station
 EVE = "eve"  # passes light on
@@ -142,16 +140,17 @@ def felt_by(
 
 def _of_role(service: Service, role: Role, by: Making, device: Device) -> Settings:
     needed = needs(service, role, by)
-    only_joined = (service, role) == (Service.TELEPORT, Role.OPENER)
+    joined = joins(service, role)
     by_feature = {
         EMIT: STATES if service in PREPARED else PAIRS,
-        STORE: _of("memory") if only_joined else KEEPING,
+        STORE: _of("memory") if joined else KEEPING,
         MEASURE: LOOKING,
         HERALD: EMITTING,
         INTERFERE: STATION,
     }
     found = RATE | BESIDES.get((service, role), frozenset()) | _of(*used_parts(service, role))
-    found |= _bell(device) if (service, role) in BELL else frozenset()
+    found |= STATES if joined else frozenset()
+    found |= _bell(device) if joined or (service, role) in BELL else frozenset()
     return found.union(*(felt for feature, felt in by_feature.items() if feature in needed))
 
 

@@ -41,11 +41,6 @@ OWN: Mapping[str, Verb] = MappingProxyType(
             scheduled=True,
             in_switches="switch_swap",
         ),
-        "teleport": Verb(
-            "teleport states",
-            "states",
-            source=True,
-        ),
     }
 )
 VERBS: Mapping[str, Verb] = MappingProxyType(

@@ -80,7 +80,7 @@ from wire.metadata.vocabulary import Service
 interface, to_mac, own, to, burst, pause_s = {words!r}
 channel = opened(interface)
 segment = TCP(sport=20_000, dport=METADATA_PORT, flags="PA", seq=1, ack=1, window=502)
-asked = Setup(1, Service.TELEPORT, 1, own, 100, 1, 1_000_000, port=9).encode()
+asked = Setup(1, Service["TELEPORT"], 1, own, 100, 1, 1_000_000, port=9).encode()
 frame = bytes(Ether(src=own_mac(channel), dst=to_mac) / IP(src=own, dst=to) / segment / asked)
 while True:
     for _frame in range(burst):

@@ -29,7 +29,7 @@ from wire.metadata.header import METADATA_PORT, NUMBERS_APART, Message, session_
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import Reason, Service, Verdict
 
-SETUP = Setup(session_number(ALICE, 9), Service.TELEPORT, 1, CHARLIE, 100, 1, 1_000_000, port=9)
+SETUP = Setup(session_number(ALICE, 9), Service["TELEPORT"], 1, CHARLIE, 100, 1, 1_000_000, port=9)
 # More than a segment takes: PSH is set only in the last one, and the set-up is in the first.
 BEHIND = bytes(6000)
 SPEAK = """

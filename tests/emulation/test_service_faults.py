@@ -105,7 +105,7 @@ def spoken(network: Network, data: bytes, to: str = BOB, wait_s: float = 2.0) ->
 def test_set_ups_that_are_forged_or_unknown_open_nothing(shared_network: Network) -> None:
     network, before = shared_network, facts(shared_network, "granted")
     setup = Setup(
-        session_number(ALICE, UNUSED), Service.TELEPORT, 1, CHARLIE, 100, 1, 1_000_000, port=9
+        session_number(ALICE, UNUSED), Service["TELEPORT"], 1, CHARLIE, 100, 1, 1_000_000, port=9
     )
     with listening(network, "teleport"):
         granted = replace(setup, verdict=Verdict.GRANTED)
@@ -139,7 +139,7 @@ def test_a_set_up_that_is_sent_again_is_refused_and_its_paths_are_closed(
     require_nothing_left(network)
     granted = facts(network, "granted")[before]
     session = int(str(granted["session"]), 16)
-    again = Setup(session, Service.TELEPORT, 1, CHARLIE, 2000, 1, 50_000_000, port=9)
+    again = Setup(session, Service["TELEPORT"], 1, CHARLIE, 2000, 1, 50_000_000, port=9)
     with listening(network, "teleport"):
         answer = spoken(network, again.encode(), wait_s=5)
         assert isinstance(answer, Answer)

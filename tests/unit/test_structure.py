@@ -186,7 +186,7 @@ def test_the_machinery_of_networks_knows_no_topology_by_name() -> None:
 SERVICES = "hosts/middleware/services"
 ROOMS = (
     *("conference", "ghz", "graph_states", "interception", "key_distribution", "qkd"),
-    *("sealing", "sensing"),
+    *("sealing", "sensing", "teleportation"),
 )
 AROUND = [f"applications/{name}" for name in ROOMS]
 # What carries out what protocols order; whatever else a service has is a protocol.
@@ -203,11 +203,11 @@ CARRIERS = {
     "applications/qkd/scapy_keys.py",
     "applications/sealing/seal.py",
     "applications/sensing/ends.py",
+    "applications/teleportation/teleport.py",
     f"{SERVICES}/distribution/distribute.py",
     f"{SERVICES}/superdense/superdense.py",
     f"{SERVICES}/swapping/connections.py",
     f"{SERVICES}/swapping/swap.py",
-    f"{SERVICES}/teleportation/teleport.py",
 }
 # What an end of a session says and makes of what it hears; others carry it.
 PROTOCOLS = [

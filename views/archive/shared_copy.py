@@ -3,15 +3,11 @@
 import shutil
 from pathlib import Path
 
-from wire.metadata.vocabulary import Service
 from wire.results import schema
 from wire.results.run_result import RESULT
 
 # Services that make no keys; in a network of `qmn cli` or a script anybody may have made some.
-WITHOUT_KEYS = {
-    service.name.lower()
-    for service in (Service.SDC, Service.TELEPORT, Service.DISTRIBUTE, Service.SWAP)
-}
+WITHOUT_KEYS = frozenset({"sdc", "teleport", "distribute", "swap"})
 QUBITS = (
     "*.pcap",
     "*.pcapng",

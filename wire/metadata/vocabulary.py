@@ -22,7 +22,6 @@ class Service(IntEnum):
     SDC = 1  # superdense coding
     PAIR_SOURCE = 2  # of an open session: its pairs
     DISTRIBUTE = 3  # entanglement distribution
-    TELEPORT = 4
     SWAP = 7  # entanglement swapping, by way of repeaters
     LINK = 8  # between neighbours of such a chain: the opener makes pairs and keeps half of each
     SDC_RETURN = 9  # superdense coding back to the opener of a session of it, with its light

@@ -10,7 +10,6 @@ from wire.results.figures import (
     PairFigures,
     ReceiverFigures,
     SentFigures,
-    TeleportFigures,
 )
 
 if TYPE_CHECKING:
@@ -19,5 +18,5 @@ else:
     ServiceFigures = reduce(
         or_,
         (kind for service in registered_services() for kind in service.figures),
-        Figures | TeleportFigures | PairFigures | SentFigures | ReceiverFigures,
+        Figures | PairFigures | SentFigures | ReceiverFigures,
     )

@@ -10,7 +10,6 @@ from hosts.middleware.services import switch_swap
 from hosts.middleware.services.distribution import distribute
 from hosts.middleware.services.superdense import superdense
 from hosts.middleware.services.swapping import swap
-from hosts.middleware.services.teleportation import teleport
 from hosts.middleware.session.ends import ServiceKind
 from wire.light import GROUP, registered_services
 from wire.metadata.vocabulary import Service
@@ -28,7 +27,6 @@ def kinds() -> Mapping[Service, ServiceKind]:
         distribute.KIND,
         swap.KIND,
         switch_swap.KIND,
-        teleport.KIND,
     )
     return MappingProxyType({kind.service: kind for kind in (*own, *_theirs())})
 

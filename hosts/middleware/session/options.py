@@ -156,6 +156,9 @@ class ServiceOptions(SessionOptions):
         """Return whether hosts send each other light."""
         return True
 
+    def check_backend(self, backend: str) -> None:
+        """Raise SessionError for states that this backend of the dispatcher does not hold."""
+
     def asked(self) -> dict[str, Any]:
         return {**super().asked(), "fidelity_ppm": self.fidelity_ppm}
 

@@ -181,7 +181,7 @@ def test_a_service_that_nobody_knows_is_refused_where_the_hosts_can_say_so(
 @pytest.mark.parametrize(
     ("service", "legs"),
     [
-        (Service.TELEPORT, PATHS[:1] + PATHS[2:]),  # nothing goes from alice to bob
+        (Service["TELEPORT"], PATHS[:1] + PATHS[2:]),  # nothing goes from alice to bob
         (Service["BBM92"], PATHS[:1] + PATHS[2:]),
         # From alice, nothing else.
         (Service["BB84"], (Hop(Q1, PATHS[1].in_port, PATHS[2].out_port),)),
@@ -205,7 +205,10 @@ def test_refusals_name_their_reason_and_open_nothing() -> None:
         (replace(unknown_source, handshake=Handshake.PER_PAIR), Reason.UNKNOWN_HOST),
         (replace(from_bob, handshake=Handshake.PER_PAIR), Reason.NO_PATH),
         # Only superdense coding knows another handshake.
-        (replace(FRAMED, service=Service.TELEPORT, handshake=Handshake.PER_PAIR), Reason.PROTOCOL),
+        (
+            replace(FRAMED, service=Service["TELEPORT"], handshake=Handshake.PER_PAIR),
+            Reason.PROTOCOL,
+        ),
         (replace(FRAMED, service=Service["BB84"], handshake=Handshake.ONE_PAIR), Reason.PROTOCOL),
     ]
     for setup, reason in cases:

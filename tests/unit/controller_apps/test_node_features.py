@@ -73,7 +73,7 @@ def test_a_service_is_refused_where_a_host_lacks_what_its_part_needs(
     assert refused.detail.startswith(f"{address} lacks {str(feature.name).lower()}")
 
 
-@pytest.mark.parametrize("service", [Service.SDC, Service.DISTRIBUTE, Service.TELEPORT])
+@pytest.mark.parametrize("service", [Service.SDC, Service.DISTRIBUTE, Service["TELEPORT"]])
 def test_what_a_part_does_not_need_may_be_lacking(service: Service) -> None:
     needed = NEEDS[service]
     told: dict[str, NodeFeatures | None] = {}
@@ -85,7 +85,7 @@ def test_what_a_part_does_not_need_may_be_lacking(service: Service) -> None:
 
 def test_a_host_that_tells_nothing_is_taken_to_be_able_to_everything() -> None:
     network = announced(dict.fromkeys((ALICE, BOB, CHARLIE)))
-    granted = admission(of(Service.TELEPORT), network)
+    granted = admission(of(Service["TELEPORT"]), network)
     assert (granted.reason, granted.block_pairs) == (Reason.OK, FRAMED.pairs)
     assert node_features_view(network) == {}
 
@@ -110,7 +110,7 @@ def test_ports_that_tell_different_things_are_believed_what_all_of_them_say() ->
     assert (refused.reason, refused.node) == (Reason.CANNOT_MEASURE, BOB)
 
 
-@pytest.mark.parametrize("service", [Service.DISTRIBUTE, Service.TELEPORT])
+@pytest.mark.parametrize("service", [Service.DISTRIBUTE, Service["TELEPORT"]])
 def test_an_opener_that_is_its_own_source_needs_no_third_host(service: Service) -> None:
     setup = of(service, source=ALICE)
     granted = admission(setup, announced({CHARLIE: NodeFeatures(Feature(0), 0)}))
@@ -140,10 +140,10 @@ def verdict(setup: Setup, network: Network) -> tuple[list[object], Setup]:
 
 
 def test_the_acceptor_is_told_which_host_lacks_what() -> None:
-    actions, answer = verdict(of(Service.TELEPORT), announced({CHARLIE: without(EMIT)}))
+    actions, answer = verdict(of(Service["TELEPORT"]), announced({CHARLIE: without(EMIT)}))
     assert (answer.verdict, answer.reason) == (Verdict.REFUSED, Reason.CANNOT_EMIT)
     assert answer.source == CHARLIE
-    _actions, answer = verdict(of(Service.TELEPORT), announced({BOB: without(MEASURE)}))
+    _actions, answer = verdict(of(Service["TELEPORT"]), announced({BOB: without(MEASURE)}))
     assert (answer.reason, answer.source) == (Reason.CANNOT_MEASURE, BOB)
     (note,) = [action for action in actions if isinstance(action, Note)]
     assert note.detail == "CANNOT_EMIT: 10.0.0.3 lacks emit, which its source needs"

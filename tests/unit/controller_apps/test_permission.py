@@ -123,5 +123,5 @@ def test_a_host_in_a_line_goes_on_with_the_number_of_the_host_before_it(service:
     assert state.sessions.by_number.keys() == {first.session}
     assert asks(after, ALICE, BOB)
     assert not asks(after, BOB, ALICE)  # which nobody has asked
-    assert not asks(replace(after, service=Service.TELEPORT), ALICE, BOB)
+    assert not asks(replace(after, service=Service["TELEPORT"]), ALICE, BOB)
     assert not asks(replace(after, session=after.session + 1), ALICE, BOB)

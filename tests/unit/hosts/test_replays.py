@@ -161,7 +161,7 @@ def test_no_session_is_opened_with_the_number_of_a_link_of_a_repeater(tmp_path: 
     async def forge(message: Message) -> Message:
         link = recorder.granted[-1]  # from the repeater to bob
         assert link.service == Service.LINK
-        forged = replace(link, service=Service.TELEPORT, port=PORT + 1)
+        forged = replace(link, service=Service["TELEPORT"], port=PORT + 1)
         with ServiceSocket(tmp_path / "r1.sock") as listener:
             await asyncio.to_thread(listener.listen, PORT + 1, "teleport")
             errors.append(await sent(forged, "r1"))
@@ -182,10 +182,10 @@ def test_a_service_that_nobody_knows_is_refused_by_its_number(tmp_path: Path, nu
     async def run() -> Answer:
         async with running(tmp_path, "teleport"):
             reader, writer = await asyncio.open_connection(OWN_ADDRESS["bob"], METADATA_PORT)
-            setup = grant(Setup(7, Service.TELEPORT, 1, "10.0.0.3", 10, 1, 1000, port=PORT))
+            setup = grant(Setup(7, Service["TELEPORT"], 1, "10.0.0.3", 10, 1, 1000, port=PORT))
             data = bytearray(setup.encode())
             assert len(data) == SETUP_LENGTH
-            assert data[HEADER.size] == Service.TELEPORT
+            assert data[HEADER.size] == Service["TELEPORT"]
             data[HEADER.size] = number
             writer.write(bytes(data))
             answer = decode(await asyncio.wait_for(reader.read(), SOON_S))

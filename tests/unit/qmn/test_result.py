@@ -45,7 +45,7 @@ def test_delivered_means_that_the_bytes_are_the_same(
 
 
 def test_seals_are_counted_if_there_were_any() -> None:
-    facts = service_run()
+    facts = service_run(service="distribute")
     note_controller(facts, [{"event": "stopped"}])
     assert facts.watched is None
     assert watched_light(None) == {}
@@ -107,8 +107,8 @@ def test_rates_and_counts_come_from_sender_and_controller(tmp_path: Path) -> Non
 
 
 def test_settings_of_a_result_are_those_of_its_network(tmp_path: Path) -> None:
-    facts = service_run()
-    facts.parameters = asked("teleport", {"receiver": "bob", "loss_budget_db": 3.0})
+    facts = service_run(service="distribute")
+    facts.parameters = asked("distribute", {"receiver": "bob", "loss_budget_db": 3.0})
     facts.controller, facts.seed = "os-ken", 7
     facts.write(tmp_path)
     used = schema.read_left(tmp_path).settings
@@ -143,7 +143,7 @@ def test_rates_are_of_the_network_and_beside_them_of_the_emulation(tmp_path: Pat
 
 
 def test_hosts_tell_the_time_of_the_network_which_took_longer_here(tmp_path: Path) -> None:
-    facts = service_run(teleported(elapsed_s=0.5, states_per_s=800.0))
+    facts = service_run(teleported(elapsed_s=0.5, states_per_s=800.0), "distribute")
     facts.time_scale = 4.0
     complete(facts, tmp_path)
     assert facts.elapsed_s == 0.5
@@ -151,7 +151,7 @@ def test_hosts_tell_the_time_of_the_network_which_took_longer_here(tmp_path: Pat
 
 
 def test_a_job_that_tells_no_time_of_its_own_took_none_that_is_known(tmp_path: Path) -> None:
-    facts = service_run(cast("Any", LoadFigures)(pairs_per_s=80.0))
+    facts = service_run(cast("Any", LoadFigures)(pairs_per_s=80.0), "distribute")
     facts.time_scale = 4.0
     complete(facts, tmp_path)
     assert (facts.elapsed_s, facts.emulation) == (None, {"pairs_per_s": 20.0})

@@ -172,7 +172,7 @@ def test_moments_that_no_program_tells_are_refused() -> None:
 
 def test_figures_that_no_service_has_are_refused() -> None:
     for told in ({"luck": 1}, {"states": 7}, {**vars(teleported()), "luck": 1}):
-        with pytest.raises(MalformedPacket, match="none of Figures, TeleportFigures"):
+        with pytest.raises(MalformedPacket, match=r"none of Figures, .*TeleportFigures"):
             figures(told)
     with pytest.raises(TypeError, match="TeleportFigures has no luck"):
         teleported(luck=1)

@@ -11,7 +11,7 @@ from recorded_run import service_run
 from rich.console import Console
 from stepping import SINCE_NS, stands, stepping
 
-from hosts.middleware.services.teleportation.teleport import TeleportOptions
+from applications.teleportation.teleport import TeleportOptions
 from qmn.jobs import run_context, runner, transfer
 from qmn.jobs.runner import Job
 from qmn.jobs.transfer import Lines, TransferError, follow_all

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from applications.teleportation.teleport import TeleportOptions
 from hosts.middleware.services.distribution.purification import DistributeOptions
 from hosts.middleware.services.switch_swap import SwapOptions
-from hosts.middleware.services.teleportation.teleport import TeleportOptions
 from hosts.middleware.session.options import ServiceOptions
 from qmn.__main__ import described
 from qmn.jobs.counted_service import checked

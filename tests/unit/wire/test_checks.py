@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from applications.teleportation.teleport import TeleportOptions
 from controller_apps.policy.reading import parse_policy
-from hosts.middleware.services.teleportation.teleport import TeleportOptions
 from hosts.middleware.session.errors import SessionError
 from qmn.network.checks import check_two_hosts
 from qmn.network.options import NetworkOptions

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from steps_scene import Flying, Scene
 from test_distribution_protocol import FOREVER, NODE_FEATURES
 
+from applications.teleportation.protocol import STATE_BLOCKS, receive, send
+from applications.teleportation.qubit_states import NAMES
 from hosts.hardware.operations import BlockName
 from hosts.hardware.replies import Outcomes, Stored, Symbols
-from hosts.middleware.services.teleportation.protocol import STATE_BLOCKS, receive, send
-from hosts.middleware.services.teleportation.qubit_states import NAMES
 from hosts.middleware.session import protocol
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import HostSide, OpenerSide
@@ -27,7 +27,7 @@ from wire.metadata.vocabulary import Handshake, Reason, Service
 from wire.outcomes import Pauli
 from wire.results.figures import TeleportFigures
 
-SETUP = Setup(5, Service.TELEPORT, Handshake.FRAMED, "10.0.0.3", 50, 1, 1_000_000)
+SETUP = Setup(5, Service["TELEPORT"], Handshake.FRAMED, "10.0.0.3", 50, 1, 1_000_000)
 EVERY, LINEAR = frozenset(range(4)), frozenset({1, 3})
 COUNT, LOST = 240, 255
 WAITED_NS = 700_000

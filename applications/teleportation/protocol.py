@@ -15,11 +15,11 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from applications.teleportation import qubit_states
+from applications.teleportation.qubit_states import Cardinal, Heard, States
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Outcomes, Symbols
-from hosts.middleware.services.teleportation import qubit_states
-from hosts.middleware.services.teleportation.qubit_states import Cardinal, Heard, States
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.estimation import share_variance
 from hosts.middleware.session.protocol import (

@@ -5,8 +5,8 @@ from math import pi
 import numpy as np
 import pytest
 
-from hosts.middleware.services.teleportation import qubit_states
-from hosts.middleware.services.teleportation.qubit_states import (
+from applications.teleportation import qubit_states
+from applications.teleportation.qubit_states import (
     PART,
     TURN,
     Arbitrary,

@@ -9,11 +9,12 @@ decides; here it is carried out.
 
 from dataclasses import dataclass
 
-from hosts.middleware.services.teleportation import protocol, qubit_states
-from hosts.middleware.services.teleportation.qubit_states import RANDOM
+from applications.teleportation import protocol, qubit_states
+from applications.teleportation.qubit_states import RANDOM
 from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import MAX_COUNT, ServiceOptions
-from wire.metadata.vocabulary import Service
+from wire.metadata.vocabulary import Reason, Service
 from wire.parameters.option import option
 
 
@@ -34,6 +35,13 @@ class TeleportOptions(ServiceOptions):
         super().check()
         qubit_states.check(self.state)
 
+    def check_backend(self, backend: str) -> None:
+        if backend != "dense" and qubit_states.needs_vectors(self.state):
+            text = f"--state {self.state} is not a stabiliser state, as --backend {backend} holds "
+            names = ", ".join(qubit_states.NAMES)
+            text += f"them: add --backend dense, or choose {names} or random"
+            raise SessionError(Reason.UNSUPPORTED, text)
+
 
 async def teleport(end: OpenerEnd, options: TeleportOptions) -> None:
     await end.perform(protocol.send(end.side, options.state, options.count))
@@ -43,4 +51,4 @@ async def receive(end: AcceptorEnd) -> None:
     await end.perform(protocol.receive(end.side))
 
 
-KIND = ServiceKind(Service.TELEPORT, TeleportOptions, teleport, receive)
+KIND = ServiceKind(Service["TELEPORT"], TeleportOptions, teleport, receive)
