@@ -49,7 +49,7 @@ from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Handshake, MemoryState, Reason, Service, Verdict
 from wire.optical import ANY_WAVELENGTH
 from wire.parameters.checks import remedy
-from wire.services import HERALDED_LIGHT
+from wire.services import HERALDED_LIGHT, is_heralded
 
 KINDS, NAMED = kinds(), named()  # once for all stacks that are forked
 log = logging.getLogger("stack")
@@ -130,10 +130,13 @@ class Stack:
 
     def _heralded(self, setup: Setup, source: str) -> Setup:
         """Have pairs heralded where this host's memory emits and the source is a station."""
-        emits = HERALD in self._resources.node_features.features
+        features = self._resources.node_features.features
+        emits = HERALD in features
         stations = self._config.stations
         # Of a chain the controller chooses them.
         stands = bool(stations) if setup.service == Service.SWAP else source in stations
+        if setup.service == Service.SWITCH_SWAP:
+            stands = is_heralded(features)
         if emits and stands and setup.service in HERALDED_LIGHT:
             return replace(setup, memory=MemoryState.HERALDED)
         return setup

@@ -79,6 +79,7 @@ HERALDED_LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
             Beam(FiberOf(ACCEPTOR, 0), FiberOf(SOURCE, 1)),
         ),
         Service.SWAP: (),  # its links have it
+        Service.SWITCH_SWAP: (),  # stations in switches
         Service.LINK: (
             Beam(FiberOf(OPENER, -1), FiberOf(SOURCE, 0)),
             Beam(FiberOf(ACCEPTOR, 0), FiberOf(SOURCE, 1)),
@@ -113,6 +114,7 @@ HERALDED_NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
             ACCEPTOR: HERALD | STORE,
             REPEATER: HERALD | STORE | MEASURE,
         },
+        Service.SWITCH_SWAP: {OPENER: HERALD | STORE, ACCEPTOR: HERALD | STORE},
         Service.LINK: {
             SOURCE: INTERFERE,
             OPENER: HERALD | STORE,
@@ -133,6 +135,11 @@ WANT_OF: Mapping[Feature, Reason] = MappingProxyType(
         ABSORB: Reason.CANNOT_ABSORB,
     }
 )
+
+
+def is_heralded(features: Feature) -> bool:
+    """Tell whether pairs of a host by way of switches are heralded: it has no other light."""
+    return HERALD in features and EMIT not in features
 
 
 def memory_of(service: Service) -> tuple[MemoryState, ...]:

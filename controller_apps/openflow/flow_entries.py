@@ -16,7 +16,7 @@ from controller_apps.sessions.actions import OpenPaths
 from wire.analyser_frames import ETHER_TYPE, HERALDS, Receivers, address_of_place, group_of
 from wire.device import DEVICE_PORT
 from wire.metadata.header import METADATA_PORT, QUANTUM_SWITCHES
-from wire.parameters.switch import INNER_PORTS, Kind, inner_port
+from wire.parameters.switch import INNER_PORTS, Kind, inner_port, memory_of
 
 FILTER_TABLE, METADATA_TABLE, LEARNING_TABLE, COPY_TABLE = 0, 1, 2, 3
 COPY_METER, COPIES_PER_S, MOST_COPIES = 1, 200, 2000  # more set-ups than c0 grants, and at once
@@ -204,13 +204,14 @@ def classical_entries(datapath: Datapath) -> list[Any]:
 
 
 def inner_frames(datapath: Datapath, opened: OpenPaths) -> list[Any]:
-    """Return what sends frames of inner ports to a session's hosts, and memories' heralds up."""
+    """Return what sends frames of inner ports to a session's hosts, and heralds up."""
     session, heard = opened.session, opened.heard
     outcomes = _to_hosts(session, Receivers.BOTH, opened.reports, opened.place)
     entries = []
-    for port in sorted({hop.out_port for hop in opened.hops if hop.out_port in INNER_PORTS}):
+    lit = {hop.out_port for hop in opened.hops} | {memory_of(hop.in_port) for hop in opened.hops}
+    for port in sorted(lit & {*INNER_PORTS}):
         kinds = {ETH_TYPE_OUTCOMES: outcomes}
-        if inner_port(port).kind == Kind.MEMORY:
+        if inner_port(port).kind == Kind.MEMORY or not opened.reports:
             kinds[ETH_TYPE_HERALDS] = (
                 _to_hosts(session, heard[port]) if port in heard else to_controller()
             )

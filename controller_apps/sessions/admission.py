@@ -31,6 +31,7 @@ from controller_apps.sessions.node_features import (
 from controller_apps.sessions.returns import returned_on
 from controller_apps.sessions.sessions import Chain, Refusal, Session, Sessions
 from controller_apps.sessions.switch_chains import most_pairs, swapping
+from wire.device import MAX_UNDER_WAY
 from wire.light import Role
 from wire.metadata.setup import OBSTACLE_BYTES, Setup
 from wire.metadata.vocabulary import Handshake, MemoryState, Reason, Service
@@ -221,11 +222,14 @@ class Search(NamedTuple):
         path = cheapest_path(network, leg, limits._replace(loss_budget_mdb=None))
         if path is None:
             return self._no_paths([leg], None, limits)
-        found = swapping(network, path, count, limits)
+        heralded = self.setup.memory == MemoryState.HERALDED
+        found = swapping(network, path, count, limits, heralded)
         if not isinstance(found, str):
-            return Admission(paths=found, block_pairs=most_pairs(network, found, self.setup.pairs))
+            wanted = block_pairs(self.setup, self.hosts, (), network)
+            most = most_pairs(network, found, wanted, 1 if heralded else MAX_UNDER_WAY)
+            return Admission(paths=found, block_pairs=most)
         free = limits._replace(blocked=Limits().blocked)
-        if isinstance(swapping(network, path, count, free), str):
+        if isinstance(swapping(network, path, count, free, heralded), str):
             return Admission(Reason.NO_CHAIN, detail=found, obstacle=found)
         return Admission(Reason.BUSY, waits_for_light=True)
 

@@ -152,7 +152,7 @@ class Arbiter:
             return [Drop("inner frame", str(error), at)]
         turns, whole = session.turns, frame.first + len(frame.outcomes) == frame.pulses
         actions: list[Action] = []
-        if frame.end == End.STORED:
+        if frame.end in (End.STORED, End.WAITS):
             actions += emissions(session, at, frame)
         if turns is not None and frame.end == End.STORED:
             actions += self.light.release(session, turns.stored(at, frame))

@@ -8,10 +8,16 @@ Light of a memory goes on to an analyser of its switch: swaps are as soon as pos
 without memories, alone between two hosts, has their light meet in its analyser.
 
 When the first memory holds a block of the opener's, all sources emit one as large.
+
+Where memories emit, stations in further switches herald their links, and no sources are needed:
+
+    alice --- (x) station of q1 --- eL q2 eR --- (x) station of q3 --- bob
+
+They attempt when the opener's qubits do, by one input of the first station.
 """
 
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import NamedTuple
 
 from controller_apps.light.optics import SwitchPort
@@ -21,7 +27,14 @@ from controller_apps.sessions.actions import Emit
 from controller_apps.sessions.sessions import Session
 from wire.analyser_frames import AnalyserFrame, Emission
 from wire.device import MAX_UNDER_WAY
-from wire.parameters.switch import HALVES, INNER_PORTS, Kind, inner_port
+from wire.parameters.switch import (
+    FIRST_EMITTER_PORT,
+    FIRST_MEMORY_PORT,
+    HALVES,
+    INNER_PORTS,
+    Kind,
+    inner_port,
+)
 
 MEMORIES = 2  # of a switch that swaps: one for light of each side
 
@@ -32,6 +45,7 @@ class Parts(NamedTuple):
     inputs: Sequence[int]  # of an analyser
     memories: Sequence[int]  # none: light goes straight to the analyser
     source: Sequence[int]  # none: there is no free one
+    emitters: Sequence[int] = ()  # of the memories; none: they do not emit
 
     @property
     def left(self) -> int:
@@ -51,46 +65,66 @@ def parts_of(network: Network, dpid: int, limits: Limits) -> Parts | None:
             groups.setdefault((inner.kind, inner.number), []).append(port)
     whole: dict[Kind, list[list[int]]] = {kind: [] for kind in Kind}
     for (kind, _number), ports in groups.items():
-        if kind == Kind.MEMORY or len(ports) == HALVES:
+        if kind in (Kind.MEMORY, Kind.EMITTER) or len(ports) == HALVES:
             whole[kind].append(ports)
     if not whole[Kind.ANALYSER]:
         return None
     memories = [port for ports in whole[Kind.MEMORY] for port in ports][:MEMORIES]
+    memories = memories if len(memories) == MEMORIES else []
     source = whole[Kind.SOURCE][0] if whole[Kind.SOURCE] else []
-    return Parts(whole[Kind.ANALYSER][0], memories if len(memories) == MEMORIES else [], source)
+    emitting = [port + FIRST_EMITTER_PORT - FIRST_MEMORY_PORT for port in memories]
+    emitters = emitting if all([port] in whole[Kind.EMITTER] for port in emitting) else []
+    return Parts(whole[Kind.ANALYSER][0], memories, source, emitters)
 
 
 def swapping(
-    network: Network, path: LightPath, count: int, limits: Limits
+    network: Network, path: LightPath, count: int, limits: Limits, heralded: bool = False
 ) -> tuple[LightPath, ...] | str:
-    """Return the light of a chain of this many switches along a path, or why it cannot be."""
-    able: list[tuple[int, Parts]] = []
-    for place, hop in enumerate(path.hops):
-        parts = parts_of(network, hop.dpid, limits)
-        if parts is not None and (count == 1 or parts.memories):
-            able.append((place, parts))
-    able = able[:count]
-    if len(able) < count:
-        return f"{len(able)} of {count} switches on the way have a free analyser and memories"
-    for place, parts in able[:-1]:
+    """Return the light of a chain of this many switches along a path, or why it cannot be.
+
+    Of heralded links every second switch swaps, and those between are stations.
+    """
+    able = list(islice(_able(network, path, limits, None if heralded else count > 1), count))
+    if len(able) < count or (heralded and count % 2 == 0):
+        parts_wanted = "a free analyser and memories"
+        if heralded:
+            parts_wanted = "in turn a free station, or an analyser and memories that emit"
+        return f"{len(able)} of {count} switches on the way have {parts_wanted}"
+    for place, parts in able[:-1] if not heralded else ():
         if not parts.source:
             return f"{network.name_of(path.hops[place].dpid)} has no free source"
     budget_mdb, most_mdb = limits.loss_budget_mdb, _most_loss_mdb(network, path, able)
     if budget_mdb is not None and most_mdb > budget_mdb:
         text = f"a link of the chain loses {most_mdb / 1000:g} dB, "
         return text + f"more than the loss budget of {budget_mdb / 1000:g} dB"
-    paths = tuple(_light(path, able))
+    paths = tuple((_heralded_light if heralded else _light)(path, able))
     hops = [hop for each in paths for hop in each.hops]
     if any(map(limits.blocked, directions(hops))):
         return "others have light on the way"
     return paths
 
 
-def most_pairs(network: Network, paths: Sequence[LightPath], wanted: int) -> int:
+def _able(
+    network: Network, path: LightPath, limits: Limits, stores: bool | None
+) -> Iterator[tuple[int, Parts]]:
+    """Yield the switches along a path that can take part, which store; None: by turns they emit."""
+    emits = False
+    for place, hop in enumerate(path.hops):
+        parts = parts_of(network, hop.dpid, limits)
+        if parts is None:
+            continue
+        if (bool(parts.emitters) == emits) if stores is None else (parts.memories or not stores):
+            emits = not emits
+            yield place, parts
+
+
+def most_pairs(
+    network: Network, paths: Sequence[LightPath], wanted: int, blocks: int = MAX_UNDER_WAY
+) -> int:
     """Return how many pairs blocks of a chain may have: as many as all under way may be stored."""
-    lasts = [SwitchPort(path.hops[-1].dpid, path.hops[-1].out_port) for path in paths]
-    modes = [network.modes[at] for at in lasts if at in network.modes]
-    return max(1, min([wanted, *(each // MAX_UNDER_WAY for each in modes)]))
+    firsts = [SwitchPort(*path.hops[0][:2]) for path in paths]
+    modes = [network.modes[at] for at in firsts if at in network.modes]
+    return max(1, min([wanted, *(each // blocks for each in modes)]))
 
 
 def _most_loss_mdb(network: Network, path: LightPath, able: Sequence[tuple[int, Parts]]) -> int:
@@ -117,30 +151,59 @@ def _light(path: LightPath, able: Sequence[tuple[int, Parts]]) -> Iterator[Light
     yield LightPath(
         (*path.hops[:first], path.hops[first]._replace(out_port=parts.left)), path.loss_mdb, 0
     )
-    for place, parts in able:
-        dpid = path.hops[place].dpid
-        for memory, port in zip(parts.memories, parts.inputs, strict=False):
-            yield LightPath((Hop(dpid, memory, port),), 0, 0)
+    yield from _swaps(path, able)
     for (place, parts), (following, other) in pairwise(able):
         near, far = path.hops[place], path.hops[following]
         yield LightPath((Hop(near.dpid, parts.source[0], parts.right),), 0, 0)
         between = path.hops[place + 1 : following]
         start = near._replace(in_port=parts.source[1])
         yield LightPath((start, *between, far._replace(out_port=other.left)), 0, 0)
-    behind = [Hop(dpid, out, into) for dpid, into, out in reversed(path.hops[last + 1 :])]
-    end = Hop(path.hops[last].dpid, path.hops[last].out_port, last_parts.right)
-    yield LightPath((*behind, end), 0, 0)
+    yield _from_behind(path.hops[last:], last_parts.right)
+
+
+def _heralded_light(path: LightPath, able: Sequence[tuple[int, Parts]]) -> Iterator[LightPath]:
+    """Yield the light from the opener, of each switch that swaps, and from the acceptor."""
+    (first, station), (last, last_station) = able[0], able[-1]
+    start = path.hops[first]._replace(out_port=station.inputs[0])
+    yield LightPath((*path.hops[:first], start), path.loss_mdb, 0)
+    yield from _swaps(path, able[1::2])
+    for (place, parts), (left, before), (right, behind) in zip(
+        able[1::2], able[:-1:2], able[2::2], strict=True
+    ):
+        to_left, to_right = parts.emitters
+        back = path.hops[left : place + 1]
+        yield _from_behind((*back[:-1], back[-1]._replace(out_port=to_left)), before.inputs[1])
+        end = path.hops[right]._replace(out_port=behind.inputs[0])
+        begin = path.hops[place]._replace(in_port=to_right)
+        yield LightPath((begin, *path.hops[place + 1 : right], end), 0, 0)
+    yield _from_behind(path.hops[last:], last_station.inputs[1])
+
+
+def _swaps(path: LightPath, able: Sequence[tuple[int, Parts]]) -> Iterator[LightPath]:
+    for place, parts in able:
+        dpid = path.hops[place].dpid
+        for memory, port in zip(parts.memories, parts.inputs, strict=False):
+            yield LightPath((Hop(dpid, memory, port),), 0, 0)
+
+
+def _from_behind(hops: Sequence[Hop], out_port: int) -> LightPath:
+    """Return light that goes these hops back, and out of a port of the first."""
+    backwards = [Hop(dpid, out, into) for dpid, into, out in reversed(hops)]
+    return LightPath((*backwards[:-1], backwards[-1]._replace(out_port=out_port)), 0, 0)
 
 
 def emissions(session: Session, at: SwitchPort, stored: AnalyserFrame) -> list[Emit]:
-    """Return what sources do when a memory holds a block; only the opener's has them emit."""
+    """Return what sources do when a memory holds a block; only the opener's has them emit.
+
+    The same of memories that emit, when the opener's qubits attempt.
+    """
     if not session.paths or stored.first:
         return []
     entrance = session.paths[0].hops[-1]
     if at != SwitchPort(entrance.dpid, entrance.out_port):
         return []
     rate_hz = session.requests[session.owner].granted.rate_hz
-    sources = [hop for hop in session.hops if _begins_source(hop.in_port)]
+    sources = [hop for hop in session.hops if _emits(hop.in_port)]
     return [
         Emit(
             hop.dpid,
@@ -157,6 +220,7 @@ def emissions(session: Session, at: SwitchPort, stored: AnalyserFrame) -> list[E
     ]
 
 
-def _begins_source(port: int) -> bool:
+def _emits(port: int) -> bool:
+    """Whether a source's light, or a memory's, is ordered by this port."""
     inner = inner_port(port) if port in INNER_PORTS else None
-    return inner is not None and (inner.kind, inner.which) == (Kind.SOURCE, 1)
+    return inner is not None and (inner.kind, inner.which) in ((Kind.SOURCE, 1), (Kind.EMITTER, 0))

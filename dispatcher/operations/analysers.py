@@ -63,6 +63,27 @@ class Reports:
             reports.put_nowait(report)
 
 
+class Tasks:
+    """The waits and measurements of parts of switches."""
+
+    def __init__(self, layer: PhysicalLayer, failed: Callable[[BaseException], None]) -> None:
+        """Call `failed` with what ends a task unexpectedly."""
+        self._layer, self._failed = layer, failed
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def begin(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        task = asyncio.create_task(work)
+        self._layer.journal.begun(task)
+        self._tasks.add(task)
+        task.add_done_callback(self._ended)
+        return task
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            self._failed(error)
+
+
 class Analysers:
     """The analysers of all switches."""
 
@@ -71,14 +92,12 @@ class Analysers:
         layer: PhysicalLayer,
         measurements: Measurements,
         reports: Reports,
-        failed: Callable[[BaseException], None],
+        tasks: Tasks,
     ) -> None:
-        """Call `failed` with what ends a measurement unexpectedly."""
-        self._layer, self._measurements, self._failed = layer, measurements, failed
+        self._layer, self._measurements, self._begin = layer, measurements, tasks.begin
         self._reports = reports
         self._waiting: dict[tuple[str, str], deque[Block]] = {}  # by node and port
         self._limits: dict[Block, asyncio.Task[None]] = {}
-        self._tasks: set[asyncio.Task[None]] = set()
 
     def look(self, name: BlockName) -> None:
         """Take light of a block that waits at an input, if the rest of it does not fly."""
@@ -122,18 +141,6 @@ class Analysers:
             return
         self._waiting.setdefault((block.node, block.port), deque()).append(block)
         self._limits[block] = self._begin(self._expire(block))
-
-    def _begin(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
-        task = asyncio.create_task(work)
-        self._layer.journal.begun(task)
-        self._tasks.add(task)
-        task.add_done_callback(self._ended)
-        return task
-
-    def _ended(self, task: asyncio.Task[None]) -> None:
-        self._tasks.discard(task)
-        if not task.cancelled() and (error := task.exception()) is not None:
-            self._failed(error)
 
     async def _expire(self, block: Block) -> None:
         await self._layer.clock.wait_until(block.last_ns + int(ANALYSER_WAIT_S * 1e9))

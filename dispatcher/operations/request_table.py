@@ -13,7 +13,7 @@ from google.protobuf.message import Message
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import BlockName
 from dispatcher.operations.adjustment import adjust
-from dispatcher.operations.analysers import Analysers, Reports
+from dispatcher.operations.analysers import Analysers, Reports, Tasks
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.eavesdropping import Resending, Splitting
 from dispatcher.operations.gathering import Gathering
@@ -48,10 +48,10 @@ class RequestTable:
         self.heralding = Heralding(layer, failed, self._came)
         self.blocks = Operations(layer)
         measurements, resending = Measurements(layer), Resending(layer)
-        network = layer.network
+        network, tasks = layer.network, Tasks(layer, failed)
         self.reports = Reports({**network.analysers, **network.memories})
-        self.analysers = Analysers(layer, measurements, self.reports, failed)
-        self.stations = Stations(layer, self.heralding, self.reports, failed)
+        self.analysers = Analysers(layer, measurements, self.reports, tasks)
+        self.stations = Stations(layer, self.heralding, self.reports, tasks)
         self.transport = Transport(layer, failed, self._came)
         self.memories = SwitchMemories(layer, self.transport, self.analysers, self.reports, failed)
         self.switching = Switching(layer, self._connected, self.memories.opened, self._part_failed)

@@ -10,14 +10,13 @@ as many pairs as either wants, and for one block at a time. It waits for that as
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Collection, Coroutine
+from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any
 
 from dispatcher.devices import hardware
 from dispatcher.layer.layer import PhysicalLayer, block_name
 from dispatcher.layer.ownership import BlockName
-from dispatcher.operations.analysers import Reports
+from dispatcher.operations.analysers import Reports, Tasks
 from dispatcher.operations.heralding import Heralding
 from dispatcher.operations.station_path import find_path
 from dispatcher.refusal import Refusal, not_found, precondition
@@ -50,18 +49,12 @@ class Stations:
     """The stations of all switches."""
 
     def __init__(
-        self,
-        layer: PhysicalLayer,
-        heralding: Heralding,
-        reports: Reports,
-        failed: Callable[[BaseException], None],
+        self, layer: PhysicalLayer, heralding: Heralding, reports: Reports, tasks: Tasks
     ) -> None:
-        """Call `failed` with what ends attempts unexpectedly."""
         self._layer, self._heralding = layer, heralding
-        self._reports, self._failed = reports, failed
+        self._reports, self._begin = reports, tasks.begin
         self._waiting: dict[tuple[str, str], deque[Attempts]] = {}  # by node and port
         self._busy: dict[str, asyncio.Task[None]] = {}  # by the station's node
-        self._tasks: set[asyncio.Task[None]] = set()
 
     async def attempt(self, node: str, request: AttemptRequest) -> Feedback:
         """Let qubits of a node attempt; for a station in a switch if it says for how many pairs."""
@@ -138,18 +131,6 @@ class Stations:
         """Return those who attempt by an input, and by the other one."""
         ports = sorted(self._layer.network.analysers[node].ports, key=lambda each: each != port)
         return [self._waiting.setdefault((node, each), deque()) for each in ports]
-
-    def _begin(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
-        task = asyncio.create_task(work)
-        self._layer.journal.begun(task)
-        self._tasks.add(task)
-        task.add_done_callback(self._ended)
-        return task
-
-    def _ended(self, task: asyncio.Task[None]) -> None:
-        self._tasks.discard(task)
-        if not task.cancelled() and (error := task.exception()) is not None:
-            self._failed(error)
 
     def _meet(self, node: str) -> None:
         """Begin with the first that attempt by either input, if the station is free."""

@@ -147,16 +147,20 @@ class PairLight(Primitives):
         )
         return stored_of(stored.arrived, sent)
 
-    async def attempt(self, block: BlockName, port: str, wavelength_pm: int) -> None:
+    async def attempt(
+        self, block: BlockName, port: str, wavelength_pm: int, count: int = 0
+    ) -> None:
         """Let qubits of the memory attempt to emit into a port, as half of a block to be heralded.
 
-        The block is in the memory when the station has reported it.
+        The block is in the memory when the station has reported it. `count` is of pairs, of a
+        station in a quantum switch.
         """
         attempt = AttemptRequest(
             block=steps.block_id(block),
             port=port,
             frequency_mhz=frequency_mhz(wavelength_pm),
             cutoff_s=self.cutoff_s,
+            count=count,
         )
         await self.perform(Step(attempt=attempt))
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import cycle
 from math import ceil
 from pathlib import Path
 from typing import NamedTuple
@@ -22,21 +23,27 @@ from qmn.network.custom_topology import is_custom
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.felt_settings import Felt, checked_settings, everything, felt_by
 from qmn.network.light_checks import check_light, laser_pulses
+from qmn.network.part_options import kind_of_all
 from qmn.options import BadInput, check_ranges
 from qmn.requests.service import ServiceRequest
 from qmn.requests.service_verbs import VERBS, Verb, verb_name, verb_of
 from qmn.results.run_folder import begin_folder
+from topologies.catalogue.node_kinds import node_device
 from topologies.description.description import Description
 from topologies.networks.network import Signals, require_free
 from wire.features import EMIT
 from wire.light import Role
 from wire.metadata.vocabulary import Service
 from wire.parameters.checks import remedy
-from wire.parameters.physics import BEAM_SPLITTER
-from wire.services import PREPARED, is_relayed, used_parts, uses_source
+from wire.parameters.physics import BEAM_SPLITTER, Device
+from wire.services import PREPARED, is_heralded, is_relayed, used_parts, uses_source
 from wire.socket_calls import SPLIT
 
-PARTS = "analysers=1", "memories=2", "sources=1"  # of a switch that swaps, for --switch
+PARTS: tuple[str, ...] = (
+    "analysers=1",
+    "memories=2",
+    "sources=1",
+)  # of a switch that swaps, for --switch
 SWAPPING = "chain"  # the topology whose switches swap, with these parts
 
 
@@ -228,14 +235,19 @@ def fitted(
 def with_parts(request: ServiceRequest, options: SwapOptions) -> ServiceRequest:
     """Return the request with parts in all switches of a topology of ours, if it names none.
 
-    Switches swap in chains, and where the request says in how many.
+    Switches swap in chains, and where the request says in how many. Of hosts whose memories emit
+    every second one is as they are, and those between are stations.
     """
-    network = request.network
+    network, words = request.network, PARTS
     swap = options.swaps or network.topology.split(",")[0] == SWAPPING
-    named = any("analysers=" in word for word in network.switch)
+    named = any("analysers=" in word or "parts=" in word for word in network.switch)
     if not swap or named or is_custom(network.topology):
         return request
-    return replace(request, network=replace(network, switch=(*network.switch, *PARTS)))
+    if (kind := kind_of_all(network.node)) and is_heralded(node_device(kind, Device()).features):
+        names = describe_network(network).parts.switches
+        kinds = cycle(("station", kind))
+        words = tuple(f"{name}.parts={each}" for name, each in zip(names, kinds, strict=False))
+    return replace(request, network=replace(network, switch=(*words, *network.switch)))
 
 
 def in_switches(
@@ -243,6 +255,8 @@ def in_switches(
 ) -> ServiceRequest:
     """Return the request with a swap in each switch that can, unless it says in how many."""
     able = sum(optics.analysers > 0 for optics in network.parts.switches.values())
+    if is_heralded(network.parts.hosts[network.node(request.sender)].features):
+        able -= able % 2 == 0  # a chain begins and ends with a station
     swaps = options.swaps or min(able, MOST_SWITCHES)
     if not swaps:
         return request

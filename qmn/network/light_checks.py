@@ -17,7 +17,15 @@ from topologies.description.description import Description
 from wire.features import HERALD
 from wire.light import Role
 from wire.metadata.vocabulary import Service
-from wire.services import HERALDED_LIGHT, REGISTERED, Making, beams, fibers_needed, uses_source
+from wire.services import (
+    HERALDED_LIGHT,
+    REGISTERED,
+    Making,
+    beams,
+    fibers_needed,
+    is_heralded,
+    uses_source,
+)
 
 SOURCE = "a third host that makes pairs"
 
@@ -53,6 +61,8 @@ def check_source(service: str, parts: Description) -> None:
 
 def making(service: Service, opener: str, source: str, parts: Description) -> Making:
     """Return who makes the pairs of a session, as its opener's stack chooses."""
+    if service == Service.SWITCH_SWAP and is_heralded(parts.hosts[opener].features):
+        return Making.STATION
     if opener == source:
         return Making.OPENER
     station = source in parts.hosts and parts.hosts[source].is_station

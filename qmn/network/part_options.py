@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Any
 
 from qmn.network.custom_topology import BadTopology
-from topologies.catalogue.node_kinds import NODE_KINDS, node_device
+from topologies.catalogue.node_kinds import NODE_KINDS, node_device, switch_parts
 from topologies.description.content import Content, Info
 from topologies.links.fiber import OPTICS as FIBER_OPTICS
 from topologies.links.fiber import resolved
@@ -34,7 +34,7 @@ SWITCH = {
     each.name: getattr(QuantumSwitch(""), each.name)
     for each in fields(QuantumSwitch)
     if each.name in SWITCH_OPTICS - COMPOUND
-} | {"preset": ""}
+} | {"preset": "", "parts": ""}
 SWITCH_PARTS = sorted(COMPOUND - {"paths"})
 SWITCH |= {
     f"{part}.{name}": value
@@ -135,7 +135,9 @@ class PartOptions:
             for switch in [place] if place else switches:
                 part, dot, setting = name.partition(".")
                 info = switches[switch]
-                if dot:
+                if name == "parts":
+                    info.update(switch_parts(node_device(value, self.preset)))
+                elif dot:
                     before = info.get(part, getattr(QuantumSwitch(""), part))
                     info[part] = replace(before, **{setting: value})
                 else:

@@ -11,7 +11,9 @@ The controller does not know them: it goes by the features that follow from a de
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
+from wire.features import HERALD
 from wire.parameters.checks import check_choice
 from wire.parameters.physics import (
     BadParameter,
@@ -138,6 +140,18 @@ OWN = {
     ),
 }
 NODE_KINDS = Registry("qmn.devices", lambda each: isinstance(each, NodeKind), OWN)
+
+
+def switch_parts(device: Device) -> dict[str, Any]:
+    """Return the parts of a quantum switch of such hardware, as keywords of OpticalSwitch.
+
+    There are two memories, for the links to either side, each with half of the qubits that emit.
+    """
+    parts = {"analyser": device.analyser, "detectors": device.detectors, "gates": device.gates}
+    if HERALD not in device.features:
+        return {"analysers": 1, **parts}
+    memory = replace(device.memory, capacity=max(1, device.memory.capacity // 2))
+    return {"analysers": 1, **parts, "memories": 2, "memory": memory, "emitter": device.emitter}
 
 
 def node_device(kind: str, base: Device) -> Device:

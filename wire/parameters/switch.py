@@ -236,6 +236,12 @@ def inner_port(number: int) -> InnerPort:
     return InnerPort(kind, place // HALVES + 1, place % HALVES + 1)
 
 
+def memory_of(port: int) -> int:
+    """Return the port of the memory that emits by one; 0 for any other port."""
+    emits = FIRST_EMITTER_PORT <= port < INNER_PORTS.stop
+    return port - FIRST_EMITTER_PORT + FIRST_MEMORY_PORT if emits else 0
+
+
 OPTICS = frozenset(each.name for each in fields(QuantumSwitch)) - {"name"}  # what can be set
 # Of these, by topologies alone.
 COMPOUND = frozenset({"paths", "analyser", "detectors", "gates", "memory", "emitter", "source"})

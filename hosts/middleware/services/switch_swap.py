@@ -7,6 +7,8 @@
       | Values(SWAPPED: analysers, numbers) -------------------> |  both mean the same blocks
       | Values(ARRIVED) <--------------------------------------> |  bob corrects; both keep
 
+If memories emit, both attempt, stations in switches report the pairs, and bits of swaps follow.
+
 Flow entries of the switch lead light and frames: nobody here knows where it is. In a chain of
 switches all report, and the outcomes multiply. If the controller programs it, several blocks are
 under way. The pairs are then used as in entanglement distribution.
@@ -25,7 +27,7 @@ from hosts.middleware.services.distribution.distribute import make_pairs, share_
 from hosts.middleware.services.distribution.pairs import Mask, Moments, Pairs
 from hosts.middleware.services.distribution.purification import DistributeOptions
 from hosts.middleware.session.analyser_socket import AnalyserSocket, Swapped, analyser_socket
-from hosts.middleware.session.blocks import store, take
+from hosts.middleware.session.blocks import store, stored_since, take
 from hosts.middleware.session.ends import AcceptorEnd, Answerer, OpenerEnd, ServiceKind
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import (
@@ -41,10 +43,11 @@ from hosts.middleware.session.protocol import (
     hear,
     own_pairs,
 )
+from hosts.timeouts import HERALD_TIMEOUT_S
 from wire.analyser_frames import Receivers
 from wire.device import MAX_UNDER_WAY
 from wire.metadata.values import Topic, Values
-from wire.metadata.vocabulary import Reason, Service
+from wire.metadata.vocabulary import MemoryState, Reason, Service
 from wire.outcomes import NO_COINCIDENCE
 from wire.parameters.option import option
 
@@ -84,8 +87,10 @@ class Blocks:
         yield side.say(Topic.SWAPPED, number, swapped.blocks, 32)
         yield side.say(Topic.ARRIVED, number, kept, 1)
         theirs = yield from hear(Topic.ARRIVED, number, kept.size, 1)
-        yield from take(side.block(number), {self._kept(number): swapped.positions})
-        yield from pairs.share(number, kept, theirs.astype(bool), size, since_ns)
+        yield from self._take(side.block(number), number, swapped)
+        pairs.facts.attempts += swapped.attempts
+        emitted = kept.size if self._is_heralded else size
+        yield from pairs.share(number, kept, theirs.astype(bool), emitted, since_ns)
 
     def share(self, pairs: Pairs, message: Values) -> Steps[None]:
         """Do the same at the end that corrects, beside other blocks."""
@@ -105,13 +110,14 @@ class Blocks:
             raise SessionError(Reason.PROTOCOL, text + "session use them")
         arrived = yield from hear(Topic.ARRIVED, number, kept.size, 1)
         name = side.block(number, half=1)
-        yield from take(name, {self._kept(number): swapped.positions})
+        yield from self._take(name, number, swapped)
         if kept.size:
             operators = np.where(kept, swapped.outcomes, 0).astype(np.uint8)
             corrected_ns = yield from do(Qnic.apply, name, operators)
             self._note_waits(pairs, swapped, int(np.count_nonzero(kept)), corrected_ns - since_ns)
             kept &= yield from store(name)
-        yield from pairs.share(number, kept, arrived.astype(bool), size, since_ns)
+        emitted = kept.size if self._is_heralded else size
+        yield from pairs.share(number, kept, arrived.astype(bool), emitted, since_ns)
         self.under_way.remove(number)  # others read its messages from now on
         yield side.say(Topic.ARRIVED, number, kept, 1)
         yield Tell(pairs.summary((yield Now())))
@@ -136,11 +142,34 @@ class Blocks:
             self._frames.forget()
         if not self._half:
             yield side.ready(number, size)
+        if self._is_heralded:
+            heralded = yield from self._heralded(number, size)
+            self._dark.popleft()
+            return heralded
         stored = yield from own_pairs(side, 2 * number + self._half, size, side.ports[0])
         self._dark.popleft()
         swapped: Swapped = yield Wait(partial(self._frames.next, size, max(1, switches)))
         here = stored.arrived[swapped.positions]
         return swapped, here & (swapped.outcomes != NO_COINCIDENCE), stored.since_ns
+
+    @property
+    def _is_heralded(self) -> bool:
+        return self._side.setup.memory == MemoryState.HERALDED
+
+    def _heralded(self, number: int, size: int) -> Steps[tuple[Swapped, Mask, int]]:
+        """Let qubits attempt to emit to a station in a switch; return the same."""
+        setup, name, since_ns = self._side.setup, self._kept(number), 0
+        yield from do(Qnic.attempt, name, self._side.ports[0], setup.wavelength_pm, size)
+        switches, limit_s = max(1, setup.block), HERALD_TIMEOUT_S
+        swapped: Swapped = yield Wait(partial(self._frames.next, size, switches, limit_s))
+        if swapped.outcomes.size:
+            since_ns = yield from stored_since(name)
+        return swapped, swapped.outcomes != NO_COINCIDENCE, since_ns
+
+    def _take(self, into: BlockName, number: int, swapped: Swapped) -> Steps[None]:
+        """Take what was swapped of a block; there is none if a station has heralded nothing."""
+        if swapped.outcomes.size or not self._is_heralded:
+            yield from take(into, {self._kept(number): swapped.positions})
 
     def _kept(self, number: int) -> BlockName:
         return self._side.block(2 * number + self._half)
@@ -150,7 +179,8 @@ async def swap(end: OpenerEnd, options: SwapOptions) -> Answerer:
     """Do what the opener does; return what answers its application."""
     with analyser_socket(end.setup.session, Receivers.OPENER) as frames:
         end.channel.sort()
-        most = MAX_UNDER_WAY if end.setup.block else 1
+        heralded = end.setup.memory == MemoryState.HERALDED
+        most = MAX_UNDER_WAY if end.setup.block and not heralded else 1
         return await make_pairs(end, options, Blocks(end.side, frames, 0).make, most)
 
 

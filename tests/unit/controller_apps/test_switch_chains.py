@@ -31,7 +31,7 @@ from wire.analyser_frames import (
 )
 from wire.metadata.decoding import decode
 from wire.metadata.setup import Setup
-from wire.metadata.vocabulary import Reason, Service
+from wire.metadata.vocabulary import MemoryState, Reason, Service
 from wire.parameters.switch import inner_ports
 
 S1, NOW = 100, 1.0
@@ -56,9 +56,13 @@ def line(switches: int, inner: frozenset[int] = WHOLE, loss_mdb: int = 0) -> Net
     return found
 
 
-def asked(arbiter: Arbiter, count: int, session: int = 7, sport: int = 40_000) -> list[Action]:
+def asked(
+    arbiter: Arbiter, count: int, session: int = 7, sport: int = 40_000, heralded: bool = False
+) -> list[Action]:
     """Ask for a chain of this many switches."""
     setup = replace(FRAMED, service=Service.SWITCH_SWAP, source=ALICE, block=count, session=session)
+    if heralded:
+        setup = replace(setup, memory=MemoryState.HERALDED)
     data = frame(setup.encode(), sport=sport)
     return arbiter.segment_arrived(S1, 1, data, NOW)
 
@@ -159,6 +163,58 @@ def test_a_session_of_the_longest_chain_is_kept_for_another_controller() -> None
     again = decode_session(kept.data, NOW)
     assert again.paths == arbiter.sessions.by_number[7].paths
     assert len(again.paths) == 64 * 2 + 63 * 2 + 2
+
+
+def heralding(switches: int) -> Network:
+    """Return a line of stations and, between them, switches with memories that emit."""
+    found = line(switches, frozenset(inner_ports(analysers=1)))
+    for dpid in range(2, switches + 1, 2):
+        found.inner[dpid] = frozenset(inner_ports(analysers=1, memories=2, emitters=2))
+        found.modes |= {SwitchPort(dpid, memory): 5 for memory in MEMORIES}
+    return found
+
+
+def test_light_of_memories_that_emit_meets_in_stations_between_them() -> None:
+    actions = asked(Arbiter(heralding(5), HOLD_S, IDLE_S), 5, heralded=True)
+    from_left = {(1, 60_001), (2, 60_002)}
+    assert hops(actions) == {
+        1: from_left,
+        2: {(63_001, 1), (63_002, 2)},
+        3: from_left,
+        4: {(63_001, 1), (63_002, 2)},
+        5: from_left,
+    }
+    assert all(each.heard == {} for each in actions if isinstance(each, OpenPaths))
+
+
+@pytest.mark.parametrize("count", [2, 4, 7])
+def test_a_chain_that_does_not_end_in_stations_is_refused_by_name(count: int) -> None:
+    answer = refusal(asked(Arbiter(heralding(5), HOLD_S, IDLE_S), count, heralded=True))
+    assert answer.reason == Reason.NO_CHAIN
+    assert f"of {count} switches on the way have in turn a free station" in answer.obstacle
+
+
+def test_memories_attempt_when_the_opener_does_and_swap_when_links_hold() -> None:
+    arbiter = Arbiter(heralding(3), HOLD_S, IDLE_S)
+    for each in asked(arbiter, 3, heralded=True):
+        if isinstance(each, OpenPaths):
+            actions = arbiter.barrier_passed(each.dpid, each.transaction, NOW)
+    (forward,) = [each for each in actions if isinstance(each, Forward)]
+    granted = decode(payload_of(forward.frame))
+    assert isinstance(granted, Setup)
+    assert granted.pairs == 5  # one block, as large as a memory
+    waits = AnalyserFrame(60_001, 3, End.WAITS, 4).encode(BROADCAST, bytes(6))
+    light = 3, 4, FRAMED.rate_hz, arbiter.sessions.by_number[7].frequency_mhz
+    assert arbiter.inner_frame(SwitchPort(1, 60_001), 7, waits) == [
+        Emit(2, 63_001, Emission(8, *light)),
+        Emit(2, 63_002, Emission(9, *light)),
+    ]
+    assert not arbiter.inner_frame(SwitchPort(3, 60_001), 7, waits)  # bob's qubits
+    heralded = AnalyserFrame(60_001, 3, End.HERALDED, 2, 0, bytes([1, 3]), 99)
+    assert not arbiter.inner_frame(SwitchPort(1, 60_001), 7, heralded.encode(BROADCAST, bytes(6)))
+    actions = stored(arbiter, 2)
+    assert named(actions) == {(2, port) for port in MEMORIES}
+    assert hops(actions) == {2: {(61_001, 60_001), (61_002, 60_002)}}
 
 
 def test_switches_swap_in_the_turns_of_the_policy() -> None:

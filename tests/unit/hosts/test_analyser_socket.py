@@ -137,3 +137,20 @@ def test_frames_are_read_before_anybody_asks_for_their_block() -> None:
                     await asyncio.wait_for(loop.sock_sendall(wire.heralds, data), SOON_S)
 
         asyncio.run(told())
+
+
+def test_pairs_that_stations_herald_are_as_many_as_of_the_poorest_link_without_a_memory() -> None:
+    with copper() as scene:
+        for port, outcomes in ((60_001, bytes([1, 3, 3])), (60_003, bytes([3, 3]))):
+            heralded = AnalyserFrame(port, 1, End.HERALDED, len(outcomes), 0, outcomes, 50)
+            scene.outcomes.send(heralded.encode(group_of(SESSION), bytes(6)))
+        scene.report(1, 1, bytes([0, 2]))
+
+        async def found() -> Swapped:
+            with scene.frames.reading():
+                return await scene.frames.next(4, 3, SOON_S)
+
+        swapped = asyncio.run(found())
+        assert swapped.outcomes.tolist() == [1 ^ 3 ^ 0, 3 ^ 3 ^ 2]
+        assert swapped.positions.tolist() == [0, 1]
+        assert swapped.attempts == 100

@@ -74,9 +74,10 @@ def test_a_frame_into_a_source_has_it_emit() -> None:
 
     async def scene() -> None:
         async with stage() as now:
-            now.switch.paths.table = FlowTable(FIBERS, [62_001, 62_002])
+            now.switch.paths.table = FlowTable(FIBERS, [62_001, 62_002, 63_001])
             now.controller.says(of.packet_out(emission.encode(), 62_002))
             now.controller.says(order_of_ours(62_001, emission))
+            now.controller.says(of.packet_out(emission.encode(), 63_001))  # a memory that emits
             for wrong in (
                 of.packet_out(of.PING, 62_001),
                 of.packet_out(emission.encode(), 62_001, 1),
@@ -84,7 +85,8 @@ def test_a_frame_into_a_source_has_it_emit() -> None:
             ):
                 now.controller.says(wrong)
                 assert isinstance(of.decoded(await now.controller.next()), parser.OFPErrorMsg)
-            assert now.optics.emitted == [(62_002, emission), (62_001, emission)]
+            emitted = [(port, emission) for port in (62_002, 62_001, 63_001)]
+            assert now.optics.emitted == emitted
 
     play(scene())
 

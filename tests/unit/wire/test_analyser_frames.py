@@ -26,7 +26,12 @@ ALONE = AnalyserFrame(60_003, 1, End.NO_PARTNER, 9)
 STORED = AnalyserFrame(61_002, 3, End.STORED, 3, 0, bytes([0, 255, 0]))
 
 
-@pytest.mark.parametrize("frame", [FRAME, ALONE, STORED])
+HERALDED = AnalyserFrame(60_001, 7, End.HERALDED, 2, 0, bytes([1, 3]), 99)
+WAITS = AnalyserFrame(60_001, 8, End.WAITS, 4)
+NOTHING = AnalyserFrame(60_001, 8, End.HERALDED, 0, 0, b"", 99)
+
+
+@pytest.mark.parametrize("frame", [FRAME, ALONE, STORED, HERALDED, WAITS, NOTHING])
 def test_a_frame_is_read_as_it_was_written(frame: AnalyserFrame) -> None:
     data = frame.encode(BROADCAST, SENDER)
     assert AnalyserFrame.decode(data) == frame
@@ -38,6 +43,12 @@ def test_its_bytes_are_as_documented() -> None:
     assert BYTES[:14].hex() == "ffffffffffff02000000000188b5"
     assert payload[:28].hex() == "514d4e41000000050000ea6100000007000000050000000001020304"
     assert payload[28:31].hex() == "0123f0"
+    heralded, waits = (each.encode(BROADCAST, SENDER) for each in (HERALDED, WAITS))
+    assert (
+        heralded[12:43].hex()
+        == ("88b5514d4e41070000020000ea61000000070000000200000000000000631300"[:62])
+    )
+    assert waits[12:42].hex() == "88b6514d4e41080000000000ea610000000800000004" + "00" * 8
 
 
 def test_a_long_block_is_told_in_frames_that_ethernet_carries() -> None:
@@ -96,6 +107,8 @@ def test_counts_add_up_and_are_read_as_written() -> None:
 def test_the_description_of_an_inner_port_is_padded() -> None:
     analyser = port_description(InnerPort(Kind.ANALYSER, 2, 1), Memory())
     assert analyser.hex() == "ffff001400514d4e00000001000100010000000200000000"
+    emitter = port_description(InnerPort(Kind.EMITTER, 2, 0), Memory())
+    assert emitter.hex() == "ffff001400514d4e00000001000400000000000200000000"
     memory = Memory(capacity=9, efficiency=0.5, t1_s=1.0, t2_s=2.0)
     assert port_description(InnerPort(Kind.MEMORY, 3, 0), memory).hex() == (
         "ffff003400514d4e000000010002000000000003"  # 52 bytes, of kind 2, the third
