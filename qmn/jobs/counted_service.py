@@ -244,7 +244,7 @@ def with_parts(request: ServiceRequest, options: SwapOptions) -> ServiceRequest:
     if not swap or named or is_custom(network.topology):
         return request
     if (kind := kind_of_all(network.node)) and is_heralded(node_device(kind, Device()).features):
-        names = describe_network(network).parts.switches
+        names = describe_network(replace(network, switch=())).parts.switches
         kinds = cycle(("station", kind))
         words = tuple(f"{name}.parts={each}" for name, each in zip(names, kinds, strict=False))
     return replace(request, network=replace(network, switch=(*words, *network.switch)))
@@ -256,7 +256,7 @@ def in_switches(
     """Return the request with a swap in each switch that can, unless it says in how many."""
     able = sum(optics.analysers > 0 for optics in network.parts.switches.values())
     if is_heralded(network.parts.hosts[network.node(request.sender)].features):
-        able -= able % 2 == 0  # a chain begins and ends with a station
+        able = max(0, able - 1 + able % 2)  # a chain begins and ends with a station
     swaps = options.swaps or min(able, MOST_SWITCHES)
     if not swaps:
         return request

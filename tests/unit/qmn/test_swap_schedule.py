@@ -11,6 +11,7 @@ from qmn.jobs.counted_service import checked, with_policy
 from qmn.options import BadInput
 from qmn.requests.service import ServiceRequest
 from qmn.verbs.run import service_request
+from topologies.catalogue.node_kinds import NV_CENTRE
 
 
 def parse(*words: str) -> ServiceRequest:
@@ -65,6 +66,28 @@ def test_hosts_that_purify_nothing_take_no_turns() -> None:
     with pytest.raises(BadInput, match="hosts take turns only where they purify: add --purify 1"):
         checked(parse("swap", "--schedule", "nested"))
     assert checked(parse("swap", "--schedule", "parallel"))
+
+
+@pytest.mark.parametrize(("switches", "swaps"), [(1, 1), (3, 3), (4, 3)])
+def test_between_memories_that_emit_every_second_switch_of_a_chain_is_a_station(
+    switches: int, swaps: int
+) -> None:
+    words = ["--topology", f"chain,{switches}", "--node", "nv-centre"]
+    changed = ["--switch", "q2.memory.capacity=9"] if switches > 1 else []
+    request, network = checked(parse("swap", *words, *changed, "--sample", "0", "--count", "5"))
+    assert (request.service, getattr(request.options, "swaps", 0)) == ("switch_swap", swaps)
+    for name, optics in network.parts.switches.items():
+        emits = int(name[1:]) % 2 == 0
+        assert optics.emitters == (2 if emits else 0)
+        assert optics.analyser.kind == ("gates" if emits else "linear")
+        assert not emits or optics.memory.capacity == (9 if name == "q2" else 5)
+        assert not emits or optics.emitter == NV_CENTRE.emitter
+
+
+def test_between_memories_that_emit_hosts_swap_where_no_switch_has_an_analyser() -> None:
+    words = ["--topology", "repeaters,stations", "--node", "nv-centre", "--sample", "0"]
+    request, _network = checked(parse("swap", *words, "--count", "5"))
+    assert (request.service, getattr(request.options, "swaps", 0)) == ("swap", 0)
 
 
 @pytest.mark.parametrize(
