@@ -126,12 +126,7 @@ def _running(
     if unused := description.unused_settings:
         console.print(f"not used by {facts.service}: {', '.join(unused)}", soft_wrap=True)
     runtime = settings(
-        options,
-        context.folder,
-        pace,
-        record=run.record,
-        qasm=run.qasm,
-        events=run.events,
+        options, context.folder, pace, record=run.record, qasm=run.qasm, events=run.events
     )
     runtime.places = places
     runtime.watched = run.shown or Pages.of_command() is not None

@@ -43,6 +43,12 @@ class MachineOptions:
         recorded=False,
     )
 
+    @property
+    def against_steps(self) -> Iterator[str]:
+        """Yield why the time of a network over these machines is paced."""
+        if self.machines > 1 or self.place:
+            yield "other machines have clocks of their own (--machines)"
+
 
 MACHINES = tuple(each.name for each in fields(MachineOptions))
 

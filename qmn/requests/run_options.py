@@ -75,8 +75,7 @@ class RunOptions(LiveOptions, MachineOptions):
     @property
     def against_steps(self) -> Iterator[str]:
         """Yield the reasons of this run why its time is paced."""
-        if self.machines > 1 or self.place:
-            yield "other machines have clocks of their own (--machines)"
+        yield from super().against_steps
         if self.classical_mbps is not None:
             yield "the kernel counts --classical-mbps by the wall"
 

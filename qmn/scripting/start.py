@@ -43,9 +43,7 @@ NAMED_ONLY = {"preset", *FIBER, *PARAMETERS}  # of the `build` of topologies cho
 
 @contextmanager
 def start(
-    topo: str | Callable[[], Topo] = "",
-    folder: Path | str | None = None,
-    **options: Any,
+    topo: str | Callable[[], Topo] = "", folder: Path | str | None = None, **options: Any
 ) -> Iterator[QuantumNetwork]:
     """Start a network, and leave nothing behind at the end; root.
 
@@ -103,8 +101,7 @@ def _standing(
         description = description.paced_for(
             "other processes would hold its clock: start it by `qmn script`"
         )
-    if where.machines > 1 or where.place:
-        description = description.paced_for("other machines have clocks of their own")
+    description = description.paced_for(*where.against_steps)
     folder = Path(folder) if folder is not None else None
     with (
         running(description, folder, where) as network,
@@ -116,9 +113,15 @@ def _standing(
 
 @contextmanager
 def running(
-    description: NetworkDescription, folder: Path | None, where: MachineOptions
+    description: NetworkDescription,
+    folder: Path | None,
+    where: MachineOptions,
+    watched: bool = False,
 ) -> Iterator[QuantumNetwork]:
-    """Run a network; a signal that comes while it starts is raised as Interrupted."""
+    """Run a network; a signal that comes while it starts is raised as Interrupted.
+
+    Stepped time of one that is watched never leads the wall.
+    """
     options, pace = description.options, description.pace
     with (
         Signals() as signals,
@@ -129,7 +132,7 @@ def running(
         note_pace(facts, pace)
         runtime = settings(options, folder, pace)
         runtime.places = places
-        runtime.watched = Pages.of_command() is not None
+        runtime.watched = watched or Pages.of_command() is not None
         network = QuantumNetwork(description.build, runtime, signals)
         network.made = made_as(description)
         try:

@@ -69,12 +69,9 @@ def call(arguments: argparse.Namespace) -> int:
     except (BadInput, BadTopology, NetworkError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
-    except Interrupted as error:
+    except (Interrupted, KeyboardInterrupt) as error:
         print(f"qmn: {interrupted_words(error)}", file=sys.stderr)
-        return error.status
-    except KeyboardInterrupt as error:
-        print(f"qmn: {interrupted_words(error)}", file=sys.stderr)
-        return INTERRUPTED
+        return error.status if isinstance(error, Interrupted) else INTERRUPTED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,13 +95,13 @@ def start_and_obey(
         options = program.network(own, options)
     check_network(options)
     options = replace(options, time=options.time or PACED)
-    description = describe_network(options).paced_for("people type by the wall")
+    description = describe_network(options).paced_for(*where.against_steps)
     starts = [program.prepare(own, description.hosts) for program, own in beside]
     require_free(description.topo)
     folder = begin_folder(extras.runs, short_name(options.topology))
     try:
         print(f"starting the network; its logs and quantum events: {folder}", flush=True)
-        with running(description, folder, where) as network:
+        with running(description, folder, where, watched=True) as network:
             if packet_bytes := CAPTURES[extras.captures]:
                 switches = network.copper_switches
                 network.capture(*switches, openflow=True, packet_bytes=packet_bytes)

@@ -82,6 +82,23 @@ def test_every_verb_works_from_a_script(tmp_path: Path) -> None:
     assert "Usage: qtrace" in shown
 
 
+def test_stepped_time_at_the_prompt_never_leads_the_wall(tmp_path: Path) -> None:
+    """Programs with timers of their own go on: their pauses are the wall's."""
+    script = "alice ping -c3 -i0.5 bob\nalice qsend bob hello\nalice qping bob 3\n"
+    began_s = time.monotonic()
+    done = cli(script, "sdc", "--time", "stepped", runs=tmp_path)
+    passed_s = time.monotonic() - began_s
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr + done.stdout
+    assert "3 packets transmitted, 3 received" in done.stdout
+    assert "bob: hello\n5 bytes, " in done.stdout
+    assert "3 rounds, 3 delivered" in done.stdout
+    assert json.loads((tmp_path / "latest/result.json").read_text())["time"] == "stepped"
+    log = (tmp_path / "latest/gate.log").read_text()
+    stopped = re.search(r"stopped: [\d,]+ leaps, 0 wrong, at 1,([\d.]+) s", log)
+    assert stopped is not None
+    assert float(stopped[1]) < passed_s
+
+
 def test_a_script_goes_on_after_failures_and_its_status_tells(tmp_path: Path) -> None:
     script = """
         link alice q1 down

@@ -104,7 +104,7 @@ def test_parts_of_a_topology_that_go_by_the_wall_pace_it(part: str, reason: str)
     assert (described.pace.stepped, described.pace.reason) == (False, reason)
 
 
-def test_people_type_by_the_wall() -> None:
+def test_other_machines_go_by_the_wall_for_people_at_a_prompt_too() -> None:
     options = NetworkOptions(topology="sdc", time="stepped")
-    with pytest.raises(BadInput, match="people type by the wall"):
-        start_and_obey(options, [], MachineOptions(), CliOptions())
+    with pytest.raises(BadInput, match="other machines have clocks of their own"):
+        start_and_obey(options, [], MachineOptions(machines=2), CliOptions())
