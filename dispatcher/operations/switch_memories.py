@@ -81,13 +81,15 @@ class SwitchMemories:
         leads = self._leads.get(switch, {})
         self._leads[switch] = {i: o for i, o in leads.items() if now.get(i) == o}
         network = self._layer.network
-        lit = {str(port) for port in (*now, *now.values())}
-        self._by_name -= {
+        lit, emitters = {str(port) for port in (*now, *now.values())}, network.parts[Kind.EMITTER]
+        dark = {
             node
             for node, part in network.memories.items()
-            if part.switch == switch
-            if lit.isdisjoint(network.parts[Kind.EMITTER].get(node, part).ports)
+            if part.switch == switch and lit.isdisjoint(emitters.get(node, part).ports)
         }
+        self._by_name -= dark
+        for node in sorted(dark & emitters.keys()):  # nobody is left to release it
+            self._end(node, BellOutcomes.CLOSED, "cut_off")
 
     def opened(self, switch: str, ready_ns: int) -> None:
         """Lead light on by the cross-connects of a switch that are open, which is now."""
@@ -135,9 +137,12 @@ class SwitchMemories:
 
     def fail(self, node: str) -> None:
         """End the wait of light in a memory that has failed."""
+        self._end(node, BellOutcomes.FAILED, "refused")
+
+    def _end(self, node: str, end: "BellOutcomes.End", count: str) -> None:
         for block in list(self._held.get(node, ())):
             self._take(block)
-            self._discard(block, BellOutcomes.FAILED, "refused")
+            self._discard(block, end, count)
 
     def states(self, switch: str) -> Iterator[SwitchStatisticsReply.Memory]:
         for node, part in self._layer.network.memories.items():

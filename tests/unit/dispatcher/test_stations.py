@@ -261,6 +261,26 @@ def test_attempts_that_meet_none_or_do_not_fit_end_by_name() -> None:
     play(act, device, station("q1"), repeater("q2", other))
 
 
+def test_pairs_end_with_the_entry_by_which_their_memory_emits() -> None:
+    device = of_little_light(SINGLE, memory=Memory(capacity=20))
+
+    async def act(network: Network) -> None:
+        laboratory = network.laboratory
+        await laboratory.connect("q1", {1: FIRST, 2: SECOND})
+        await laboratory.connect("q2", {EMITTING_ONE: 1})
+        await network.emit(EMITTING_ONE, 0, 9)
+        await network.attempt("alice", 0, 9)
+        await network.report("q1", BellOutcomes.HERALDED)
+        await network.report("q2", BellOutcomes.STORED)
+        assert laboratory.layer.ownership.at_node("q2-memory1")
+        await laboratory.connect("q2", {EMITTING_TWO: 1})
+        await network.report("q2", BellOutcomes.CLOSED)
+        assert not laboratory.layer.ownership.at_node("q2-memory1")
+        assert laboratory.layer.ownership.at_node("alice")
+
+    play(act, device, station("q1"), repeater("q2", device))
+
+
 def test_memories_without_room_are_not_attempted_with() -> None:
     device = of_little_light(SINGLE, memory=Memory(capacity=10))
 
