@@ -3,11 +3,14 @@
 A frame is Ethernet with the type of local experiments, as IP would need an address of the switch:
 
     address of receiver (6), of the inner port (6), type (2)
-    "QMNA", end (1), 0 (1), outcomes in this frame (2)
+    "QMNA", end (1), method of a round (1), outcomes in this frame (2)
     inner port (4), number (4), pulses of the block (4), the first of them in this frame (4)
     how long halves waited in memories until they were measured, in us, on average; of a station
     the attempts (4)
     two outcomes a byte, the first in its high bits: a Bell state, or 15 without a coincidence
+
+A round of purification has the method 2 BBPSSW or 4 DEJMPS, and 1 more at the right end of its
+pairs. Each of its outcomes is a Pauli operator, and 4 for each third of a turn of a twirl.
 
 All numbers are in network byte order. The frames of one block have the same number, by which the
 analyser counts blocks from 1.
@@ -15,7 +18,7 @@ analyser counts blocks from 1.
 
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Self, TypeVar
 
@@ -29,15 +32,17 @@ ETHER_TYPE = b"\x88\xb5"  # IEEE 802, local experimental EtherType 1
 HERALDS = b"\x88\xb6"  # local experimental EtherType 2: of what a memory holds now
 BROADCAST = b"\xff" * 6
 MAGIC, EMIT = b"QMNA", b"QMNE"
-HEAD = struct.Struct("!4sBxHIIIII")
+HEAD = struct.Struct("!4sBBHIIIII")
 ETHERNET_BYTES, LEAST_PAYLOAD, MOST_PAYLOAD = 14, 46, 1500
 MOST_OUTCOMES = 2 * (MOST_PAYLOAD - HEAD.size)
 MOST_PULSES = 1 << 24
 MOST = (1 << 32) - 1
 PLACES = b"\x02\0\0\0\0"  # of a chain: what the address of an analyser's frame begins with
 # Four bits of each outcome are a hexadecimal digit.
-DIGITS = bytes.maketrans(bytes([0, 1, 2, 3, NO_COINCIDENCE]), b"0123f")
-OUTCOMES = bytes.maketrans(b"0123f", bytes([0, 1, 2, 3, NO_COINCIDENCE]))
+DIGITS = bytes.maketrans(bytes([*range(12), NO_COINCIDENCE]), b"0123456789abf")
+OUTCOMES = bytes.maketrans(b"0123456789abf", bytes([*range(12), NO_COINCIDENCE]))
+THIRD = 4  # of an outcome, beside its Pauli operator
+METHODS = range(2, 6)  # of rounds of purification: protocol and end
 PORT_DESCRIPTION = struct.Struct("!HHIIHHI")  # type, length, experimenter, its type; kind, …
 OFPPDPT_EXPERIMENTER = 0xFFFF
 MEMORY = struct.Struct("!IIQQQ")  # modes, efficiency in ppm, T1, T2 and cut-off in ns
@@ -59,11 +64,14 @@ class End(IntEnum):
     FAILED = 6
     HERALDED = 7  # no end: a station has made pairs, in these Bell states
     WAITS = 8  # no end: qubits attempt by one input of it, and none by the other yet
+    PURIFY = 9  # to a memory, or to the host of a chain, which without a method has its last pairs
+    PURIFIED = 10  # its answer: what it has measured of each pair that is left
 
 
 MEASURING = End.MEASURED, End.HERALDED  # of these a block may have no pulse
-WITH_OUTCOMES = *MEASURING, End.STORED
-TO_CONTROLLERS = End.STORED, End.WAITS  # by a type of their own
+ROUNDS = End.PURIFY, End.PURIFIED
+WITH_OUTCOMES = *MEASURING, End.STORED, *ROUNDS
+TO_CONTROLLERS = End.STORED, End.WAITS, *ROUNDS  # by a type of their own
 COUNTED = End.NO_PARTNER, End.CLOSED, End.UNFIT  # of an analyser
 
 
@@ -73,6 +81,7 @@ class Receivers(IntEnum):
     BOTH = 0
     OPENER = 1
     ACCEPTOR = 2
+    CONTROLLER = 3  # of one of them
 
 
 def group_of(session: int, to: Receivers = Receivers.BOTH) -> bytes:
@@ -112,13 +121,14 @@ class AnalyserFrame:
     first: int = 0
     outcomes: bytes = b""  # one byte for each pulse: a Bell state, NO_COINCIDENCE without one
     waited_us: int = 0  # by each half until it was measured, on average; HERALDED: attempts
+    method: int = 0  # of a round of purification
 
     def encode(self, receiver: bytes, sender: bytes) -> bytes:
         """Return the frame, padded as Ethernet wants it."""
         count = len(self.outcomes)
         packed = bytes.fromhex((self.outcomes.translate(DIGITS) + b"0" * (count % 2)).decode())
-        fixed = self.end, count, self.port, self.number, self.pulses, self.first, self.waited_us
-        payload = HEAD.pack(MAGIC, *fixed) + packed
+        fixed = count, self.port, self.number, self.pulses, self.first, self.waited_us
+        payload = HEAD.pack(MAGIC, self.end, self.method, *fixed) + packed
         kind = HERALDS if self.end in TO_CONTROLLERS else ETHER_TYPE
         return receiver + sender + kind + payload.ljust(LEAST_PAYLOAD, b"\0")
 
@@ -129,10 +139,11 @@ class AnalyserFrame:
         kind = frame[12:ETHERNET_BYTES]
         if kind not in (ETHER_TYPE, HERALDS) or len(payload) < LEAST_PAYLOAD:
             raise MalformedPacket(f"no frame of an analyser in {len(frame)} bytes")
-        magic, end, count, port, number, pulses, first, waited_us = HEAD.unpack_from(payload)
+        magic, end, method, count, port, number, pulses, first, us = HEAD.unpack_from(payload)
         size = HEAD.size + (count + 1) // 2
         wrong = end > max(End) or (end in TO_CONTROLLERS) != (kind == HERALDS)
-        if magic != MAGIC or wrong or payload[5] or count > MOST_OUTCOMES:
+        wrong |= bool(method) and (end != End.PURIFY or method not in METHODS)
+        if magic != MAGIC or wrong or count > MOST_OUTCOMES:
             raise MalformedPacket(f"frame of an analyser that begins {payload[:8].hex()}")
         least = end not in MEASURING  # of two blocks that meet one may have no pulse left
         if not least <= pulses <= MOST_PULSES or first + count > pulses or not port or not number:
@@ -141,23 +152,23 @@ class AnalyserFrame:
             raise MalformedPacket(f"{count} outcomes of light that has ended as {End(end).name}")
         if len(payload) != max(size, LEAST_PAYLOAD) or any(payload[size:]):
             raise MalformedPacket(f"{len(payload)} bytes for {count} outcomes")
-        outcomes = _outcomes(payload[HEAD.size : size], count)
-        return cls(port, number, End(end), pulses, first, outcomes, waited_us)
+        allowed = b"0123456789abf" if method else b"0123f"
+        outcomes = _outcomes(payload[HEAD.size : size], count, allowed)
+        return cls(port, number, End(end), pulses, first, outcomes, us, method)
 
 
-def _outcomes(packed: bytes, count: int) -> bytes:
+def _outcomes(packed: bytes, count: int, allowed: bytes) -> bytes:
     digits = packed.hex().encode()
-    if digits[:count].translate(None, b"0123f") or digits[count:].strip(b"0"):
+    if digits[:count].translate(None, allowed) or digits[count:].strip(b"0"):
         raise MalformedPacket("an outcome other than a Bell state")
     return digits[:count].translate(OUTCOMES)
 
 
 def frames_of(report: AnalyserFrame) -> Iterator[AnalyserFrame]:
     """Yield the frames of a whole block."""
-    head = report.port, report.number, report.end, report.pulses
     for first in range(0, max(len(report.outcomes), 1), MOST_OUTCOMES):
         outcomes = report.outcomes[first : first + MOST_OUTCOMES]
-        yield AnalyserFrame(*head, first, outcomes, report.waited_us)
+        yield replace(report, first=first, outcomes=outcomes)
 
 
 @dataclass(frozen=True)

@@ -77,6 +77,7 @@ class Gathering:
         filled = self._block(block.node, block.name, [Picked(block, positions)])
         filled.port, filled.maker = block.port, block.maker
         filled.interval_ns, filled.came_ns = block.interval_ns, came_ns[positions]
+        filled.waited_ns = block.waited_ns
         layer.ownership.add(filled)
         layer.drop(block)
         layer.memories.exchange([], filled)

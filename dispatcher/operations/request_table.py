@@ -20,6 +20,7 @@ from dispatcher.operations.gathering import Gathering
 from dispatcher.operations.heralding import Heralding
 from dispatcher.operations.imperfections import over
 from dispatcher.operations.measurements import Measurements
+from dispatcher.operations.purification import Purification
 from dispatcher.operations.state_inspection import look, sense, tell
 from dispatcher.operations.stations import Stations
 from dispatcher.operations.switch_memories import SwitchMemories
@@ -53,7 +54,14 @@ class RequestTable:
         self.analysers = Analysers(layer, measurements, self.reports, tasks)
         self.stations = Stations(layer, self.heralding, self.reports, tasks)
         self.transport = Transport(layer, failed, self._came)
-        self.memories = SwitchMemories(layer, self.transport, self.analysers, self.reports, failed)
+        self.memories = SwitchMemories(
+            layer,
+            self.transport,
+            self.analysers,
+            self.reports,
+            Purification(layer, self.blocks, measurements),
+            failed,
+        )
         self.switching = Switching(layer, self._connected, self.memories.opened, self._part_failed)
         emission = Emission(layer, self.blocks, self.transport, self.stations.emit, failed)
         self.rows = {

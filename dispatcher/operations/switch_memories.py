@@ -11,12 +11,14 @@ at the other input, or in a memory that leads to it; to anything else at once.
 Of two blocks whose pulses a controller has named (`keep`) the i-th that is held of one meets the
 i-th that is held of the other, as many as the poorer has; the others are discarded. A memory of
 which a block was named keeps later ones until they are named, too, as long as light is led in.
+Before, a controller may have a block purified round by round; each round is reported.
 """
 
 import asyncio
 from collections import Counter, deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -25,11 +27,19 @@ from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations.analysers import Analysers, Reports
 from dispatcher.operations.gathering import Gathering
+from dispatcher.operations.imperfections import over
+from dispatcher.operations.purification import Purification
 from dispatcher.operations.transport import Transport
-from dispatcher.refusal import Refusal, not_found
+from dispatcher.refusal import Refusal, invalid, not_found
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.timeouts import FIRST_HERALD_S, MEMORY_WAIT_S
-from wire.dispatcher_pb2 import BellOutcomes, KeepReply, KeepRequest, SwitchStatisticsReply
+from wire.dispatcher_pb2 import (
+    BellOutcomes,
+    Feedback,
+    KeepReply,
+    KeepRequest,
+    SwitchStatisticsReply,
+)
 from wire.outcomes import NO_CLICK
 from wire.parameters.switch import Kind
 
@@ -43,16 +53,20 @@ class SwitchMemories:
         transport: Transport,
         analysers: Analysers,
         reports: Reports,
+        purification: Purification,
         failed: Callable[[BaseException], None],
     ) -> None:
         """Call `failed` with what ends a wait unexpectedly."""
         self._layer, self._transport, self._failed = layer, transport, failed
         self._analysers, self._reports = analysers, reports
+        self._purification = purification
         memories, inputs = layer.network.memories, layer.network.analysers
         self._held = {node: deque[Block]() for node in memories}
         self._gathering = Gathering(layer)
         self._limits: dict[Block, asyncio.Task[None]] = {}
         self._numbers: dict[Block, int] = {}  # of the reports that they are held
+        self._orders: dict[Block, bytes] = {}  # of rounds of purification, as far as they came
+        self._tasks: set[asyncio.Task[None]] = set()
         self._named: set[Block] = set()  # whose pulses a controller has named, to the last
         self._by_name: set[str] = set()  # memories that blocks leave only when they are named
         self._leads: dict[str, dict[int, int]] = {}  # outputs by input, of each switch
@@ -124,6 +138,9 @@ class SwitchMemories:
                 f"no {request.first + named.size} pulses of number {request.number} are in the "
                 f"memory at port {request.port} of {request.switch}"
             )
+        if request.method:
+            self._order(block, request)
+            return KeepReply()
         unwanted = np.zeros(block.register.size, bool)
         unwanted[request.first : request.first + named.size] = named != 0
         extra_pairs.darken(self._layer.sabot, block, unwanted)
@@ -134,6 +151,44 @@ class SwitchMemories:
             self._named.add(block)
             self.release(request.switch)
         return KeepReply()
+
+    def _order(self, block: Block, request: KeepRequest) -> None:
+        """Take an order for a round, part by part, the last of which begins it."""
+        before = self._orders.pop(block, b"")[: request.first]
+        if len(before) < request.first:
+            raise invalid(f"pulse {request.first} of a round comes behind {len(before)}")
+        order = before + request.outcomes
+        if len(order) < block.register.size:
+            self._orders[block] = order
+            return
+        waited_ns = self._layer.clock.now_ns() - cutoff.came_ns(block)
+        port, interval_ns, cutoff_s = block.port, block.interval_ns, block.cutoff_s
+        left, bits, feedback = self._purification.round(
+            block, np.frombuffer(order, np.uint8), request.method
+        )
+        self._layer.memories.store(left, cutoff_s)
+        left.port, left.interval_ns = port, interval_ns
+        left.came_ns = np.full(left.register.size, left.start_ns)
+        left.waited_ns = block.waited_ns + round(waited_ns.mean())
+        self._replace(block, left)
+        outcomes = np.where(left.register.present, bits, NO_CLICK).astype(np.uint8)
+        self._begin(self._purified(left, outcomes.tobytes(), feedback))
+
+    def _replace(self, block: Block, left: Block) -> None:
+        held = self._held[block.node]
+        held[held.index(block)] = left
+        self._numbers[left] = self._numbers.pop(block)
+        self._limits.pop(block).cancel()
+        self._limits[left] = self._begin(self._expire(left))
+        self._by_name.add(left.node)
+
+    async def _purified(self, block: Block, bits: bytes, feedback: Feedback) -> None:
+        """Report a round when it is over."""
+        await over(self._layer, block.node, feedback)
+        if block in self._numbers:
+            report = BellOutcomes(end=BellOutcomes.PURIFIED, photons=len(bits), outcomes=bits)
+            self._reports.add(block.node, report)
+            self._numbers[block] = report.number
 
     def fail(self, node: str) -> None:
         """End the wait of light in a memory that has failed."""
@@ -175,9 +230,14 @@ class SwitchMemories:
         self._reports.add(node, report)
         self._numbers[block] = report.number
         self._held[node].append(block)
-        limit = self._limits[block] = asyncio.create_task(self._expire(block))
-        layer.journal.begun(limit)
-        limit.add_done_callback(self._ended)
+        self._limits[block] = self._begin(self._expire(block))
+
+    def _begin(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        task = asyncio.create_task(work)
+        self._layer.journal.begun(task)
+        self._tasks.add(task)
+        task.add_done_callback(self._ended)
+        return task
 
     async def _expire(self, block: Block) -> None:
         clock = self._layer.clock
@@ -187,8 +247,9 @@ class SwitchMemories:
         self._take(block)
         self._discard(block, BellOutcomes.CUT_OFF, "cut_off")
 
-    def _ended(self, limit: asyncio.Task[None]) -> None:
-        if not limit.cancelled() and (error := limit.exception()) is not None:
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
             self._failed(error)
 
     def _leaving(self, switch: str) -> list[str]:
@@ -233,7 +294,7 @@ class SwitchMemories:
         photons, port = block.register.remaining, block.port
         steps_ns = np.arange(block.register.size) * block.interval_ns
         waits_ns = self._layer.clock.now_ns() - cutoff.came_ns(block) + steps_ns
-        block.waited_ns = round(waits_ns[block.register.present].mean()) if photons else 0
+        block.waited_ns += round(waits_ns[block.register.present].mean()) if photons else 0
         try:
             self._transport.release(block, port, partial(self._sent, node))
         except TooLarge as error:
@@ -250,6 +311,7 @@ class SwitchMemories:
     def _take(self, block: Block) -> None:
         self._held[block.node].remove(block)
         self._named.discard(block)
+        self._orders.pop(block, None)
         del self._numbers[block]
         limit = self._limits.pop(block)
         if limit is not asyncio.current_task():

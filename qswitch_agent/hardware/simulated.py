@@ -252,6 +252,7 @@ class SimulatedSwitch:
             number=chosen.number,
             first=chosen.first,
             outcomes=chosen.outcomes,
+            method=chosen.method,
         )
         call = self._keep(request, timeout=self._deadline_s, metadata=self._metadata)
         await self._answer(call)

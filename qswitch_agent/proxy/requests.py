@@ -30,7 +30,7 @@ from qswitch_agent.proxy.checks import (
 )
 from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch, circuits, impossible_path
-from wire.analyser_frames import HERALDS, AnalyserFrame, Emission
+from wire.analyser_frames import HERALDS, AnalyserFrame, Emission, End
 from wire.malformed import MalformedPacket
 from wire.optical import (
     ANALYSER_COUNTS,
@@ -294,12 +294,17 @@ class Requests:
             raise refusals.bad_out_port(str(refusal)) from refusal
 
     async def _choose(self, packet: PacketOut, port: int) -> None:
-        """Have a memory discard the pulses that a herald, sent into its port, does not list."""
+        """Have a memory discard the pulses that a frame, sent into its port, does not list.
+
+        The others leave, or are purified.
+        """
         require_not_slave(self._link, "PACKET_OUT")
         memory = inner_port(port).kind == Kind.MEMORY
         if not memory or len(packet.actions) > 1 or packet.frame[12:14] != HERALDS:
             raise refusals.bad_out_port(f"no packet goes into the inner port {port}")
         chosen = AnalyserFrame.decode(packet.frame)
+        if chosen.end != (End.PURIFY if chosen.method else End.STORED):
+            raise refusals.bad_out_port(f"a frame of {chosen.end.name} to port {port}")
         try:
             await self._switch.hardware.keep(replace(chosen, port=port))
         except HardwareRefusal as refusal:

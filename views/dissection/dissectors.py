@@ -22,13 +22,13 @@ from views.dissection.layout import (
     settings_fields,
 )
 from wire import device, dispatcher_pb2, events, monitor_messages, optical
-from wire.analyser_frames import EMIT, ETHER_TYPE, HEAD, HERALDS, MAGIC, Emission, End
+from wire.analyser_frames import EMIT, ETHER_TYPE, HEAD, HERALDS, MAGIC, THIRD, Emission, End
 from wire.config import DISPATCHER_PORT
 from wire.dispatcher_pb2 import Event
 from wire.metadata import header
 from wire.metadata.blocks import MAX_FRAMES
 from wire.metadata.values import WIDTHS, Topic
-from wire.outcomes import BELL_STATES
+from wire.outcomes import BELL_STATES, PAULIS
 from wire.parameters.network import OPENFLOW_PORT
 from wire.registered import DISSECTORS, Registry
 
@@ -136,7 +136,7 @@ def _event() -> dict[str, Any]:
 
 
 def _inner_ports() -> dict[str, Any]:
-    names = ["magic", "end", "count", "port", "number", "pulses", "first", "waited_us"]
+    names = ["magic", "end", "method", "count", "port", "number", "pulses", "first", "waited_us"]
     orders = ["magic", *(item.name for item in fields(Emission))]
     kinds = (
         (MAGIC, HEAD, placed(HEAD, names, {"end": End})),
@@ -149,7 +149,12 @@ def _inner_ports() -> dict[str, Any]:
     return {
         "types": [int.from_bytes(each) for each in (ETHER_TYPE, HERALDS)],
         "ends": {end.value: end.name for end in End},
-        "outcomes": {**dict(enumerate(BELL_STATES)), 15: "none"},
+        "outcomes": {
+            **dict(enumerate(BELL_STATES)),
+            **{turned: f"{PAULIS[turned % THIRD]}, turned" for turned in range(THIRD, 3 * THIRD)},
+            15: "none",
+        },
+        "turned": THIRD,
         "kinds": [
             {
                 "magic": magic.decode(),

@@ -130,10 +130,12 @@ class QuantumSwitch:
     @property
     def inner_devices(self) -> dict[str, Device]:
         """The hardware of each part, by the name of its node."""
+        # Gates and detectors purify.
+        memory = replace(self.memory_device, gates=self.gates, detectors=self.detectors)
         devices = {
             Kind.ANALYSER: self.analyser_device,
-            Kind.MEMORY: self.memory_device,
-            Kind.EMITTER: self.memory_device,
+            Kind.MEMORY: memory,
+            Kind.EMITTER: memory,
             Kind.SOURCE: replace(Device(), source=self.source),
         }
         return {port.node(self.name): devices[port.kind] for port in self.inner_ports.values()}

@@ -91,16 +91,22 @@ def test_a_frame_into_a_source_has_it_emit() -> None:
     play(scene())
 
 
-def test_a_herald_into_a_memory_names_its_pulses_and_other_packets_are_refused() -> None:
+def test_a_frame_into_a_memory_names_or_purifies_its_pulses_and_others_are_refused() -> None:
     herald = AnalyserFrame(61_001, 3, End.STORED, 4, 1, bytes([0, 255]))
     frame = herald.encode(BROADCAST, bytes(6))
     outcomes = replace(herald, end=End.MEASURED).encode(BROADCAST, bytes(6))
+    round_ = replace(herald, end=End.PURIFY, method=4)
+    of_hosts = replace(round_, method=0).encode(BROADCAST, bytes(6))
+    answer = replace(herald, end=End.PURIFIED).encode(BROADCAST, bytes(6))
 
     async def scene() -> None:
         async with stage() as now:
             now.switch.inner = frozenset(inner_ports(1, 2))
             now.controller.says(of.packet_out(frame, 61_002))
+            now.controller.says(of.packet_out(round_.encode(BROADCAST, bytes(6)), 61_002))
             for wrong in (
+                of.packet_out(of_hosts, 61_002),
+                of.packet_out(answer, 61_002),
                 of.packet_out(frame, 60_001),
                 of.packet_out(outcomes, 61_002),
                 of.packet_out(frame, 61_002, 1),
@@ -108,7 +114,7 @@ def test_a_herald_into_a_memory_names_its_pulses_and_other_packets_are_refused()
             ):
                 now.controller.says(wrong)
                 assert isinstance(of.decoded(await now.controller.next()), parser.OFPErrorMsg)
-            assert now.optics.chosen == [replace(herald, port=61_002)]
+            assert now.optics.chosen == [replace(each, port=61_002) for each in (herald, round_)]
 
     play(scene())
 

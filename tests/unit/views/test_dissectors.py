@@ -399,6 +399,7 @@ INNER = [
     f"qinner.{name}"
     for name in ("end", "port", "number", "pulses", "outcome", "session", "pairs", "malformed")
 ]
+METHOD = "qinner.method"
 
 
 def test_frames_of_inner_ports_show_their_fields(tmp_path: Path) -> None:
@@ -406,11 +407,15 @@ def test_frames_of_inner_ports_show_their_fields(tmp_path: Path) -> None:
     stored = AnalyserFrame(61_001, 8, End.STORED, 2, 0, bytes(2))
     emission = InnerEmission(9, 1, 100, 50_000_000, 193_400_000)
     rubbish = BROADCAST + bytes(6) + b"\x88\xb5" + bytes(46)
+    turned = AnalyserFrame(61_001, 8, End.PURIFY, 2, 0, bytes([11, 255]), method=3)
     frames = [each.encode(BROADCAST, bytes(6)) for each in (report, stored)]
-    rows = shown(tmp_path, [*frames, emission.encode(), rubbish], INNER)
+    frames += [emission.encode(), rubbish, turned.encode(BROADCAST, bytes(6))]
+    rows = shown(tmp_path, frames, [*INNER, METHOD])
     told = [[row[name] for name in INNER] for row in rows]
     assert told[0] == [["0"], ["60001"], ["7"], ["5"], ["0", "1", "2", "3", "15"], [], [], []]
     assert told[1] == [["5"], ["61001"], ["8"], ["2"], ["0", "0"], [], [], []]
     assert told[2] == [[], [], ["1"], [], [], ["9"], ["100"], []]
     assert told[3][:7] == [[]] * 7
     assert told[3][7]  # malformed
+    assert told[4] == [["9"], ["61001"], ["8"], ["2"], ["11", "15"], [], [], []]
+    assert rows[4][METHOD] == ["3"]

@@ -29,9 +29,11 @@ STORED = AnalyserFrame(61_002, 3, End.STORED, 3, 0, bytes([0, 255, 0]))
 HERALDED = AnalyserFrame(60_001, 7, End.HERALDED, 2, 0, bytes([1, 3]), 99)
 WAITS = AnalyserFrame(60_001, 8, End.WAITS, 4)
 NOTHING = AnalyserFrame(60_001, 8, End.HERALDED, 0, 0, b"", 99)
+ROUND = AnalyserFrame(61_002, 4, End.PURIFY, 3, 0, bytes([11, 255, 6]), method=5)
+BITS = AnalyserFrame(61_002, 5, End.PURIFIED, 3, 0, bytes([1, 255, 0]))
 
 
-@pytest.mark.parametrize("frame", [FRAME, ALONE, STORED, HERALDED, WAITS, NOTHING])
+@pytest.mark.parametrize("frame", [FRAME, ALONE, STORED, HERALDED, WAITS, NOTHING, ROUND, BITS])
 def test_a_frame_is_read_as_it_was_written(frame: AnalyserFrame) -> None:
     data = frame.encode(BROADCAST, SENDER)
     assert AnalyserFrame.decode(data) == frame
@@ -85,9 +87,26 @@ def test_hostile_bytes_are_refused(place: int, value: int) -> None:
         AnalyserFrame.decode(spoilt)
 
 
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (18, 5),  # a herald with a method
+        (19, 1),  # no method
+        (19, 6),
+        (19, 0),  # no round, but thirds of a turn
+        (42, 0xCF),  # more than two of them
+    ],
+)
+def test_hostile_rounds_are_refused(place: int, value: int) -> None:
+    data = ROUND.encode(BROADCAST, SENDER)
+    assert data[42:44].hex() == "bf60"
+    with pytest.raises(MalformedPacket):
+        AnalyserFrame.decode(data[:place] + bytes([value]) + data[place + 1 :])
+
+
 def test_ports_numbers_and_sizes_of_nothing_are_refused() -> None:
     for change in ((0, 7, 5), (60_001, 0, 5), (60_001, 7, 0), (60_001, 7, 1 << 25)):
-        fixed = b"QMNA", End.CLOSED, 0, *change, 0, 0
+        fixed = b"QMNA", End.CLOSED, 0, 0, *change, 0, 0
         payload = HEAD.pack(*fixed).ljust(LEAST_PAYLOAD, b"\0")
         with pytest.raises(MalformedPacket):
             AnalyserFrame.decode(BYTES[:14] + payload)

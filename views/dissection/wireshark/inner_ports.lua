@@ -16,12 +16,13 @@ local malformed = ProtoExpert.new(
 qinner.experts = { malformed }
 
 -- Adds outcomes, two a byte; returns why they cannot be, or nil.
-local function add_outcomes(tree, range, count)
+local function add_outcomes(tree, range, count, method)
     if range:len() < math.ceil(count / 2) then return "fewer outcomes than it says" end
     for place = 0, count - 1 do
         local byte = range:range(math.floor(place / 2), 1)
         local value = place % 2 == 0 and math.floor(byte:uint() / 16) or byte:uint() % 16
-        if not format.outcomes[value] then return "outcome " .. value end
+        local turned = value >= format.turned and value < 15
+        if not format.outcomes[value] or (turned and method == 0) then return "outcome " .. value end
         tree:add(outcome, byte, value)
     end
     return nil
@@ -38,7 +39,7 @@ function qinner.dissector(buffer, pinfo, tree)
     local values = add_fields(root, made, "qinner", kind.fields, buffer)
     local wrong = unnamed(kind.fields, values)
     if not wrong and values.count then
-        wrong = add_outcomes(root, buffer:range(kind.size), values.count)
+        wrong = add_outcomes(root, buffer:range(kind.size), values.count, values.method)
         pinfo.cols.info = string.format("%s: %d of %d pulses, block %d at inner port %d",
             format.ends[values["end"]] or "?", values.count, values.pulses, values.number, values.port)
     elseif not wrong then
