@@ -308,6 +308,8 @@ class QuantumMetadata(App):
                 self._do(self.arbiter.copy_arrived(at, frame, self._now()))
         elif at.dpid in self.switches.quantum and frame[12:14] in (HERALDS, ETHER_TYPE):
             self._do(self.arbiter.inner_frame(at, message.cookie, frame))
+        elif frame[12:14] == HERALDS:
+            self._do(self.arbiter.host_frame(at, frame))
         elif at.dpid in self.switches.quantum:
             self._lldp_arrived(at, frame)
         elif is_tcp(frame) and not self._instants.keeps(at, frame):

@@ -30,6 +30,7 @@ LEARNING_PRIORITY = 1
 ENTRIES_PER_BARRIER = 100
 ETH_TYPE_IPV4, ETH_TYPE_LLDP = 0x0800, 0x88CC
 ETH_TYPE_OUTCOMES, ETH_TYPE_HERALDS = (int.from_bytes(kind) for kind in (ETHER_TYPE, HERALDS))
+ANY_GROUP = b"\xff" + bytes(5)  # mask of the groups of all sessions
 VLAN_TAGS = 0x8100, 0x88A8  # IEEE 802.1Q, of customers and of services
 ALL_BITS = (1 << 64) - 1
 TO_METADATA_PORT = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_TCP, "tcp_dst": METADATA_PORT}
@@ -113,6 +114,8 @@ def metadata_entries(datapath: Datapath, trunks: Collection[int] = ()) -> list[A
         for ends, flags in copied
     ]  # fmt: skip
     to_agents = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_UDP, "udp_dst": DEVICE_PORT}
+    groups = tuple(each.hex(":") for each in (group_of(0, Receivers.CONTROLLER), ANY_GROUP))
+    of_ends = {"eth_type": ETH_TYPE_HERALDS, "eth_dst": groups}
     opening = {**to_port, "tcp_flags": (SYN, SYN | ACK | FIN | RST)}
     return [
         delete(datapath, METADATA_TABLE, cookie=0, cookie_mask=ALL_BITS),
@@ -127,8 +130,9 @@ def metadata_entries(datapath: Datapath, trunks: Collection[int] = ()) -> list[A
             to_controller(),
             parser.OFPInstructionGotoTable(COPY_TABLE),
         ),
-        # Of the node agents: to the controller and to nobody else.
+        # Of the node agents, and of ends that purify: to the controller and to nobody else.
         add(datapath, METADATA_TABLE, METADATA_PRIORITY, to_agents, to_controller()),
+        add(datapath, METADATA_TABLE, METADATA_PRIORITY, of_ends, to_controller()),
         *copies,
         *(add(datapath, METADATA_TABLE, HIDDEN_PRIORITY, hidden) for hidden in unseen()),
         *_copies_for_switches(datapath, trunks),

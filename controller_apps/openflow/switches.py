@@ -23,6 +23,7 @@ from controller_apps.sessions.actions import (
     ClosePaths,
     CountBypass,
     Emit,
+    Flood,
     Forward,
     KeepPulses,
     OpenPaths,
@@ -236,6 +237,9 @@ class Switches:
             case Forward(dpid, in_port, frame):
                 port = self._mac_table.port_of(dpid, frame[:6])
                 return [flow_entries.packet_out(datapath, in_port, port, frame)]
+            case Flood(_, frame):
+                into = ofproto.OFPP_CONTROLLER, ofproto.OFPP_FLOOD
+                return [flow_entries.packet_out(datapath, *into, frame)]
             case OpenPaths():
                 return self._path_messages(datapath, action)
             case Emit(_, port, emission):

@@ -56,11 +56,19 @@ class Emit:
 
 @dataclass(frozen=True)
 class KeepPulses:
-    """Have a memory discard the pulses of a block that a herald does not list."""
+    """Have a memory discard or purify pulses of a block, as a frame says."""
 
     dpid: int
     port: int
     herald: AnalyserFrame
+
+
+@dataclass(frozen=True)
+class Flood:
+    """Send a frame to all stations behind a classical switch."""
+
+    dpid: int
+    frame: bytes
 
 
 @dataclass(frozen=True)
@@ -156,5 +164,5 @@ class Drop:
 
 
 Programming = OpenPaths | Emit | KeepPulses | ClosePaths
-SwitchAction = Forward | Programming | AddBypass | RemoveBypass | CountBypass
+SwitchAction = Forward | Flood | Programming | AddBypass | RemoveBypass | CountBypass
 Action = SwitchAction | Keep | Forget | SwapsOrdered | Order | Note | Drop

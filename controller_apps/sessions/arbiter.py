@@ -66,7 +66,7 @@ from controller_apps.sessions.switch_chains import emissions
 from controller_apps.sessions.terms import UNFILTERED, Terms
 from controller_apps.sessions.verdicts import Verdicts
 from controller_apps.timeouts import DISCOVERY_S
-from wire.analyser_frames import AnalyserFrame, End
+from wire.analyser_frames import WITH_OUTCOMES, AnalyserFrame, End, Receivers, group_of
 from wire.malformed import MalformedPacket
 from wire.metadata.vocabulary import Reason
 from wire.parameters.network import ControllerSettings
@@ -150,15 +150,26 @@ class Arbiter:
             frame = AnalyserFrame.decode(data)
         except MalformedPacket as error:
             return [Drop("inner frame", str(error), at)]
-        turns, whole = session.turns, frame.first + len(frame.outcomes) == frame.pulses
         actions: list[Action] = []
         if frame.end in (End.STORED, End.WAITS):
             actions += emissions(session, at, frame)
-        if turns is not None and frame.end == End.STORED:
-            actions += self.light.release(session, turns.stored(at, frame))
-        elif turns is not None and whole and frame.end == End.MEASURED:
-            actions += self.light.release(session, turns.measured(at))
+        if session.turns is not None and frame.end in WITH_OUTCOMES:
+            actions += self.light.release(session, session.turns.arrived(at, frame))
         return actions
+
+    def host_frame(self, at: SwitchPort, data: bytes) -> list[Action]:
+        """Take what a host of a session has measured of pairs that are purified."""
+        try:
+            frame = AnalyserFrame.decode(data)
+        except MalformedPacket as error:
+            return [Drop("inner frame", str(error), at)]
+        for session in self.sessions.by_number.values():
+            turns, group = session.turns, group_of(session.number, Receivers.CONTROLLER)
+            if turns is not None and session.open and data[:6] == group:
+                for end, address in turns.hosts.addresses.items():
+                    if (frame.port, frame.end, data[6:12]) == (end, End.PURIFIED, address):
+                        return self.light.release(session, turns.arrived(end, frame))
+        return [Drop("inner frame", f"{data[6:12].hex(':')} is not an end of a session", at)]
 
     def _segment(self, arrival: Arrival, now: float) -> list[Action]:
         segment = arrival.segment

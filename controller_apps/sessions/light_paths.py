@@ -15,12 +15,20 @@ from controller_apps.light.obstacles import on_the_way
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop, Network, switches
 from controller_apps.light.routing import LightPath, rotation_of, route
-from controller_apps.sessions.actions import Action, ClosePaths, KeepPulses, Note, OpenPaths
+from controller_apps.sessions.actions import (
+    Action,
+    ClosePaths,
+    Flood,
+    KeepPulses,
+    Note,
+    OpenPaths,
+)
 from controller_apps.sessions.admission import limits_of
 from controller_apps.sessions.returns import borrowed_rotation
 from controller_apps.sessions.sessions import Request, Session, Sessions
 from controller_apps.sessions.snapshot import keep
-from controller_apps.sessions.swap_turns import Release, heralds_to_hosts
+from controller_apps.sessions.swap_turns import Command, Due, Release, heralds_to_hosts
+from wire.analyser_frames import frames_of, group_of
 
 
 @dataclass
@@ -64,22 +72,21 @@ class Light:
             hops = tuple(hop for hop in hops if hop not in session.turns.hops)
         return self._program(session, (), hops, request.transaction)
 
-    def release(self, session: Session, due: list[Release]) -> list[Action]:
-        """Name pulses in memories; the first time lead these to their analyser."""
-        named = [KeepPulses(*at, herald) for each in due for at, herald in each.pulses]
-        opened = [
-            OpenPaths(
-                each.swap[0].dpid,
-                each.swap,
-                session.number,
-                next(self._transactions),
-                reports=True,
-                place=each.place,
-            )
-            for each in due
-            if each.is_first
-        ]
-        return [*named, *opened]
+    def release(self, session: Session, due: Due) -> list[Action]:
+        """Name or purify pulses at ends; the first time lead memories to their analyser."""
+        return [action for each in due for action in self._released(session, each)]
+
+    def _released(self, session: Session, due: Command | Release) -> Iterator[Action]:
+        if isinstance(due, Release):
+            hops, number = (due.swap[0].dpid, due.swap), session.number
+            transaction = next(self._transactions)
+            yield OpenPaths(*hops, number, transaction, reports=True, place=due.place)
+        elif isinstance(due.at, SwitchPort):
+            yield KeepPulses(*due.at, due.frame)
+        elif session.turns is not None:
+            group = group_of(session.number, due.at)
+            for frame in frames_of(due.frame):
+                yield Flood(session.turns.hosts.dpid, frame.encode(group, bytes(6)))
 
     def hold(self, request: Request) -> None:
         request.transaction = next(self._transactions)

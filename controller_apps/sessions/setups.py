@@ -26,13 +26,21 @@ from controller_apps.sessions.sessions import (
     read_setup,
 )
 from controller_apps.sessions.slots import SlotGrants
-from controller_apps.sessions.swap_turns import swap_turns
+from controller_apps.sessions.swap_turns import Hosts, are_stored, swap_turns
 from controller_apps.sessions.terms import Terms
 from controller_apps.sessions.verdicts import Verdicts
 from controller_apps.timeouts import NODE_TIMEOUT_S
+from wire.analyser_frames import Receivers
 from wire.metadata.header import session_of
 from wire.metadata.setup import SETUP_LENGTH, Setup, refused
-from wire.metadata.vocabulary import Handshake, Reason, Service, UnknownService, Verdict
+from wire.metadata.vocabulary import (
+    Handshake,
+    MemoryState,
+    Reason,
+    Service,
+    UnknownService,
+    Verdict,
+)
 from wire.services import MONITORS
 
 
@@ -86,6 +94,8 @@ class Ordering:
 
 TURNS = "hosts take turns only where they purify"
 TURNS_OF_HOSTS = Admission(Reason.NO_CHAIN, detail=TURNS, obstacle=TURNS)
+STORED = "switches purify only light that their memories take in"
+UNSTORED = Admission(Reason.NO_CHAIN, detail=STORED, obstacle=STORED)
 UNOPENED = "a set-up message on a connection that its other end has not opened"
 
 
@@ -165,7 +175,11 @@ class Setups:
         admission = terms.forbid(setup, connection) or admit(
             setup, connection, self.sessions, terms.network, terms.budget_mdb, terms.policy.taps
         )
-        turns = terms.policy.schedule != PARALLEL and not terms.policy.purification.rounds
+        rounds = terms.policy.purification.rounds
+        if rounds and admission.paths and setup.service == Service.SWITCH_SWAP and setup.block:
+            absorbed = are_stored(admission.paths) and setup.memory != MemoryState.HERALDED
+            return admission if absorbed else UNSTORED
+        turns = terms.policy.schedule != PARALLEL and not rounds
         return TURNS_OF_HOSTS if admission.chain and turns else admission
 
     def _takes_slot(self, setup: Setup, admission: Admission) -> bool:
@@ -190,5 +204,15 @@ class Setups:
             return self.verdicts.grant(request)
         if request.setup.service == Service.SWITCH_SWAP:
             hops = (hop for path in admission.paths for hop in path.hops)
-            session.turns = swap_turns(hops, self.terms.policy.schedule)
+            policy = self.terms.policy
+            hosts = _hosts(request)
+            session.turns = swap_turns(hops, policy.schedule, policy.purification, hosts)
         return self.light.open(request, session, admission.paths)
+
+
+def _hosts(request: Request) -> Hosts:
+    """Return where the hosts are that a set-up message goes between."""
+    assert request.held is not None
+    acceptor, opener = (request.held.segment.frame[at : at + 6] for at in (0, 6))
+    addresses = {Receivers.OPENER: opener, Receivers.ACCEPTOR: acceptor}
+    return Hosts(request.held.dpid, addresses)

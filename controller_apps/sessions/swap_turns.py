@@ -1,17 +1,19 @@
 """The turns in which switches of a chain swap blocks, of which several are under way.
 
-    both ends of both links of a place hold one, and those before have swapped it
+    both ends of both links of a place hold one, and those before have swapped it, purified
         --> pulses named, which releases them --outcomes--> done
 
 The two ends of a link hold different pulses: some were lost. A memory is sent a herald of those
 that are at both, so that the i-th of every link is of the i-th pair. Entries lead memories to their
-analyser from the first block on; later ones leave when they are named.
+analyser from the first block on; later ones leave when they are named. Hosts are ends, too, if
+pairs are purified.
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import groupby
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -19,20 +21,39 @@ import numpy as np
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop
 from controller_apps.light.routing import LightPath
-from controller_apps.policy.schedules import Schedule, schedule
-from wire.analyser_frames import AnalyserFrame, Receivers
+from controller_apps.policy.schedules import UNPURIFIED, Purification, Span, schedule, spans
+from controller_apps.sessions.chain_pairs import Half, Pairs
+from wire.analyser_frames import AnalyserFrame, End, Receivers
 from wire.parameters.switch import INNER_PORTS, Kind, inner_port
 
-Swap = tuple[Hop, ...]  # of one switch: its memories to the inputs of its analyser
+Swap = tuple[Hop, ...]  # of one switch: its memories, left and right, to the inputs of its analyser
+
+
+class Command(NamedTuple):
+    """A frame for an end: it names pulses, or has them purified."""
+
+    at: SwitchPort | Receivers
+    frame: AnalyserFrame
 
 
 class Release(NamedTuple):
-    """A swap that is due: of each of its memories, the pulses that both ends of a link hold."""
+    """A swap that is due for the first time: its entries are to come."""
 
     place: int
     swap: Swap
-    is_first: bool  # of the session there: its entries are to come
-    pulses: tuple[tuple[SwitchPort, AnalyserFrame], ...]
+
+
+Due = list[Command | Release]
+
+
+class Hosts(NamedTuple):
+    """Where frames to the hosts of a session go in, and from which address theirs come."""
+
+    dpid: int = 0
+    addresses: Mapping[Receivers, bytes] = MappingProxyType({})
+
+
+NOWHERE = Hosts()
 
 
 @dataclass
@@ -40,92 +61,176 @@ class SwapTurns:
     """Those of one session; places are counted from 1, from the opener on, blocks from 0."""
 
     swaps: tuple[Swap, ...]
-    turns: Schedule
-    # Heralds of each memory, by block; what is not whole yet.
+    schedule: str
+    purification: Purification = UNPURIFIED
+    hosts: Hosts = NOWHERE
+    # Of ends and analysers: the frame that is not whole yet.
+    _begun: dict[SwitchPort | Receivers, AnalyserFrame] = field(default_factory=dict)
+    # Heralds by block, of links whose other end holds nothing yet.
     _held: defaultdict[SwitchPort, dict[int, AnalyserFrame]] = field(
         default_factory=lambda: defaultdict(dict)
     )
-    _begun: dict[SwitchPort, AnalyserFrame] = field(default_factory=dict)
+    _pairs: defaultdict[int, dict[Span, Pairs]] = field(default_factory=lambda: defaultdict(dict))
     # How many blocks each memory has held, each place has released and has swapped.
     _came: Counter[SwitchPort] = field(default_factory=Counter)
     _released: Counter[int] = field(default_factory=Counter)
     _done: Counter[int] = field(default_factory=Counter)
 
+    def __post_init__(self) -> None:
+        self._turns = schedule(self.schedule, len(self.swaps))
+        self._purified = spans(self.schedule, len(self.swaps))[0]
+        self._whole = Span(0, len(self.swaps) + 1)
+
     @property
     def hops(self) -> frozenset[Hop]:
         return frozenset(hop for swap in self.swaps for hop in swap)
 
-    def stored(self, at: SwitchPort, herald: AnalyserFrame) -> list[Release]:
-        """Note that a memory holds pulses; return the swaps that are due."""
-        begun = self._begun.pop(at, None) if herald.first else None
-        before = begun.outcomes if begun and begun.number == herald.number else b""
-        if herald.first != len(before):  # a part of it was lost
+    def arrived(self, at: SwitchPort | Receivers, frame: AnalyserFrame) -> Due:
+        """Take what a memory holds or has purified, or an analyser measured; return what is due."""
+        begun = self._begun.pop(at, None) if frame.first else None
+        before = begun.outcomes if begun and begun.number == frame.number else b""
+        if frame.first != len(before):  # a part of it was lost
             return []
-        whole = replace(herald, first=0, outcomes=before + herald.outcomes)
+        whole = replace(frame, first=0, outcomes=before + frame.outcomes)
         if len(whole.outcomes) < whole.pulses:
             self._begun[at] = whole
             return []
-        self._held[at][self._came[at]] = whole
-        self._came[at] += 1
-        return self._due()
+        if whole.end == End.PURIFIED:
+            due = self._compared(at, whole)
+        elif isinstance(at, SwitchPort) and whole.end in (End.STORED, End.MEASURED):
+            due = (self._measured if whole.end == End.MEASURED else self._stored)(at, whole)
+        else:
+            return []
+        return [*due, *self._due()]
 
-    def measured(self, at: SwitchPort) -> list[Release]:
-        """Note that an analyser has measured a block; return the swaps that are due now."""
-        for place, swap in enumerate(self.swaps, 1):
-            if any((hop.dpid, hop.out_port) == at for hop in swap):
-                if self._done[place] < self._released[place]:
-                    self._done[place] += 1
-                    self._forget(self._done[place] - 1)
-                return self._due()
+    def _stored(self, at: SwitchPort, whole: AnalyserFrame) -> Due:
+        """Note that a memory holds pulses; begin with the pairs of a link if both ends do."""
+        block, span = self._came[at], self._link(at)
+        if span is None:
+            return []
+        self._came[at] += 1
+        self._held[at][block] = whole
+        ends = [self._end(span.left, True), self._end(span.right, False)]
+        memories = [end for end in ends if isinstance(end, SwitchPort)]
+        heralds = [self._held[end].get(block) for end in memories]
+        if len({each.pulses if each else 0 for each in heralds}) > 1 or not all(heralds):
+            return []
+        held = [np.frombuffer(each.outcomes, np.uint8) for each in heralds if each]
+        at_both = np.flatnonzero(np.bitwise_or.reduce(held) == 0)  # 0: it is held
+        numbers = {end: self._held[end].pop(block).number for end in memories}
+        left, right = (
+            Half(end.port, numbers[end], whole.pulses, at_both)
+            if isinstance(end, SwitchPort)
+            else Half(end, block + 1, whole.pulses, at_both)
+            for end in ends
+        )
+        self._pairs[block][span] = Pairs.of_link(left, right, self._rounds(span))
+        return self._begin(block, span)
+
+    def _compared(self, at: SwitchPort | Receivers, whole: AnalyserFrame) -> Due:
+        """Note what an end has measured in a round; return what follows from it."""
+        for block, made in self._pairs.items():
+            for span, pairs in made.items():
+                for is_right, half in enumerate((pairs.left, pairs.right)):
+                    end = self._end(span.right if is_right else span.left, not is_right)
+                    if (end, half.number) == (at, whole.number) and pairs.rounds:
+                        over = pairs.measured(bool(is_right), whole.outcomes)
+                        return self._begin(block, span) if over else []
         return []
 
-    def _forget(self, block: int) -> None:
-        """Forget a block that all have swapped."""
-        if all(self._done[place] > block for place in range(1, len(self.swaps) + 1)):
-            for heralds in self._held.values():
-                heralds.pop(block, None)
-
-    def _release(self, place: int) -> Release:
-        swap, block = self.swaps[place - 1], self._released[place]
-        self._released[place] += 1
-        pulses = []
-        for hop in swap:
-            at = SwitchPort(hop.dpid, hop.in_port)
-            heralds = [self._held[end][block] for end in self._link(at)]
-            held = [np.frombuffer(herald.outcomes, np.uint8) for herald in heralds]
-            both = np.bitwise_or.reduce(held).tobytes()  # 0: it is held
-            pulses.append((at, replace(heralds[0], outcomes=both)))
-        return Release(place, swap, block == 0, tuple(pulses))
-
-    def _link(self, at: SwitchPort) -> list[SwitchPort]:
-        """Return a memory, and that at the other end of its link; a host has none."""
-        memories = [SwitchPort(hop.dpid, hop.in_port) for swap in self.swaps for hop in swap]
-        place = memories.index(at)
-        other = place - 1 if place % 2 == 0 else place + 1
-        return [at, memories[other]] if 0 <= other < len(memories) else [at]
-
-    def _is_held(self, at: SwitchPort, block: int) -> bool:
-        """Whether both ends of a link hold a block."""
-        heralds = [self._held[end].get(block) for end in self._link(at)]
-        return all(heralds) and len({each.pulses for each in heralds if each}) == 1
-
-    def _due(self) -> list[Release]:
-        """Return what is due; of a place block after block."""
-        due = []
+    def _measured(self, at: SwitchPort, whole: AnalyserFrame) -> Due:
+        """Note that an analyser has measured a block, which joins the pairs at its sides."""
         for place, swap in enumerate(self.swaps, 1):
-            before = {self.turns[place].after_left, self.turns[place].after_right} - {0}
-            while all(
-                self._is_held(SwitchPort(*hop[:2]), self._released[place]) for hop in swap
-            ) and all(self._done[other] > self._released[place] for other in before):
-                due.append(self._release(place))
+            is_here = any((hop.dpid, hop.out_port) == at for hop in swap)
+            if is_here and self._done[place] < self._released[place]:
+                block = self._done[place]
+                self._done[place] += 1
+                made, (left, right) = self._pairs[block], self._sides(block, place)
+                span = Span(left.left, right.right)
+                outcomes = np.frombuffer(whole.outcomes, np.uint8)
+                joined = made.pop(left).joined(made.pop(right), outcomes, self._rounds(span))
+                made[span] = joined
+                return self._begin(block, span)
+        return []
+
+    def _begin(self, block: int, span: Span) -> Due:
+        """Begin the next round of pairs, if there is one; tell hosts the last of all."""
+        pairs, frames = self._pairs[block][span], list[AnalyserFrame]()
+        if pairs.rounds:
+            seed = block, span.left, span.right, pairs.rounds
+            frames = pairs.begin_round(self.purification.protocol, seed)
+        elif span == self._whole:
+            del self._pairs[block]
+            rounds = self.purification.rounds
+            frames = pairs.last(rounds) if rounds else []
+        ends = self._end(span.left, True), self._end(span.right, False)
+        return [Command(*each) for each in zip(ends, frames, strict=False)]
+
+    def _due(self) -> Due:
+        """Return what is due; of a place block after block."""
+        due = Due()
+        for place, swap in enumerate(self.swaps, 1):
+            turn = self._turns[place]
+            before = {turn.after_left, turn.after_right} - {0}
+            while self._is_ready(self._released[place], place) and all(
+                self._done[other] > self._released[place] for other in before
+            ):
+                due += self._release(place, swap)
         return due
 
+    def _is_ready(self, block: int, place: int) -> bool:
+        """Whether pairs at both sides of a place are as they are to be swapped."""
+        made = self._pairs.get(block, {})
+        sides = self._sides(block, place)
+        return len(sides) == len(("left", "right")) and not any(made[span].rounds for span in sides)
 
-def swap_turns(hops: Iterable[Hop], name: str) -> SwapTurns | None:
+    def _release(self, place: int, swap: Swap) -> Due:
+        block = self._released[place]
+        self._released[place] += 1
+        left, right = (self._pairs[block][span] for span in self._sides(block, place))
+        named: Due = [
+            Command(SwitchPort(hop.dpid, hop.in_port), half.frame(End.STORED, 0))
+            for hop, half in zip(swap, (left.right, right.left), strict=True)
+        ]
+        return [*named, Release(place, swap)] if block == 0 else named
+
+    def _sides(self, block: int, place: int) -> list[Span]:
+        """Return between which ends pairs of a block are to the left and right of a place."""
+        made = self._pairs.get(block, {})
+        left = [span for span in made if span.right == place]
+        return [*left, *(span for span in made if span.left == place)]
+
+    def _rounds(self, span: Span) -> int:
+        return self.purification.rounds if span in self._purified else 0
+
+    def _end(self, place: int, to_the_right: bool) -> SwitchPort | Receivers:
+        """Return the memory of a place for pairs to one side of it, or a host."""
+        if place in (self._whole.left, self._whole.right):
+            return Receivers.ACCEPTOR if place else Receivers.OPENER
+        hop = self.swaps[place - 1][to_the_right]
+        return SwitchPort(hop.dpid, hop.in_port)
+
+    def _link(self, at: SwitchPort) -> Span | None:
+        """Return the link that a memory is an end of."""
+        for place, swap in enumerate(self.swaps, 1):
+            for to_the_right, hop in enumerate(swap):
+                if (hop.dpid, hop.in_port) == at:
+                    return Span(place - 1 + to_the_right, place + to_the_right)
+        return None
+
+
+def swap_turns(
+    hops: Iterable[Hop], name: str, purification: Purification, hosts: Hosts
+) -> SwapTurns | None:
     """Return the turns of a chain by a schedule's name; None: no memory holds its light."""
     releases = [hop for hop in hops if _is_memory(hop.in_port)]
     swaps = tuple(tuple(each) for _dpid, each in groupby(releases, key=lambda hop: hop.dpid))
-    return SwapTurns(swaps, schedule(name, len(swaps))) if swaps else None
+    return SwapTurns(swaps, name, purification, hosts) if swaps else None
+
+
+def are_stored(paths: Iterable[LightPath]) -> bool:
+    """Whether light of a chain goes to analysers from memories."""
+    return any(_is_memory(hop.in_port) for path in paths for hop in path.hops)
 
 
 def heralds_to_hosts(paths: tuple[LightPath, ...], dpid: int) -> dict[int, Receivers]:

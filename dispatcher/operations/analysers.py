@@ -51,11 +51,14 @@ class Reports:
         finally:
             watchers.remove(reports)
 
-    def add(self, node: str, report: BellOutcomes) -> None:
-        """Number a report of a part, and queue it for the agent, if that watches."""
+    def add(self, node: str, report: BellOutcomes, block: int = 0) -> None:
+        """Number a report of a part, and queue it for the agent, if that watches.
+
+        `block`: the number of an earlier report on the same block, which this has, too.
+        """
         part, number = self._parts[node], self._numbers[node] + 1
-        report.port, report.number = int(part.ports[0]), number
-        if report.end != BellOutcomes.WAITS:  # whose report is to come
+        report.port, report.number = int(part.ports[0]), block or number
+        if not block and report.end != BellOutcomes.WAITS:  # whose report is to come
             self._numbers[node] = number
         for reports in self._queues.get(part.switch, ()):
             if reports.full():

@@ -187,8 +187,7 @@ class SwitchMemories:
         await over(self._layer, block.node, feedback)
         if block in self._numbers:
             report = BellOutcomes(end=BellOutcomes.PURIFIED, photons=len(bits), outcomes=bits)
-            self._reports.add(block.node, report)
-            self._numbers[block] = report.number
+            self._reports.add(block.node, report, self._numbers[block])
 
     def fail(self, node: str) -> None:
         """End the wait of light in a memory that has failed."""

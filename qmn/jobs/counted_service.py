@@ -157,10 +157,6 @@ def check_attack(request: ServiceRequest) -> None:
 
 def check_turns(request: ServiceRequest) -> None:
     """Raise BadInput for turns that repeaters cannot take."""
-    if request.purify is not None and request.service == verb_of(request.service).in_switches:
-        raise BadInput(
-            "--purify is of repeaters that are hosts (--topology repeaters): leave it out"
-        )
     by_hosts = request.service == "swap" and not request.purify
     if by_hosts and request.schedule not in (None, PARALLEL):
         raise BadInput(

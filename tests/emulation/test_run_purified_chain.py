@@ -1,5 +1,6 @@
 """Nested purification in a chain of three repeaters, real components, beside papers' formulas."""
 
+from math import sqrt
 from pathlib import Path
 
 import pytest
@@ -38,10 +39,82 @@ def nested(rounds: int) -> float:
 
 
 def test_the_papers_formulas_by_hand() -> None:
+    assert in_order("parallel", rounds=0) == pytest.approx(nested(0))
     """Without a round four Werner links: (1 + 3 ((4F - 1) / 3)^4) / 4 (Briegel et al., eq. 1)."""
     assert nested(0) == pytest.approx((1 + 3 * ((4 * FIDELITY - 1) / 3) ** 4) / 4)
     # Pairs of A = .7 and B = .3 alone: A^2 + B^2 over (A + B)^2, and 2 A B of what is D then.
     assert purified((0.7, 0.3, 0.0, 0.0)) == pytest.approx((0.58, 0.0, 0.0, 0.42))
+
+
+def in_order(schedule: str, rounds: int = 1) -> float:
+    """Four links, purified, and what swaps make in this order, but for the last."""
+    wrong = (1 - FIDELITY) / 3
+    link: Pair = (FIDELITY, wrong, wrong, wrong)
+    for _round in range(rounds):
+        link = purified(link)
+    pair = link
+    for swap in range(3):
+        pair = joined(pair, link)
+        for _round in range(rounds if schedule == "left-to-right" and swap < 2 else 0):
+            pair = purified(pair)
+    return pair[0]
+
+
+def joined(one: Pair, other: Pair) -> Pair:
+    """Two pairs that differ: the Pauli errors of both, as two bits (X, Z), add up."""
+    bits = 0, 3, 1, 2
+    made = dict.fromkeys(bits, 0.0)
+    for x, p in zip(bits, one, strict=True):
+        for y, q in zip(bits, other, strict=True):
+            made[x ^ y] += p * q
+    return made[0], made[3], made[1], made[2]
+
+
+SOURCES = [f"--switch=source.fidelity={FIDELITY}"]
+SOURCES += [f"--device={host}.source.fidelity={FIDELITY}" for host in ("alice", "bob")]
+IN_SWITCHES = ["swap", "--topology", "chain,3", "--purification", "none", "--purify", "1", *SOURCES]
+
+
+@pytest.mark.by_day(every=4)
+@pytest.mark.parametrize(
+    ("schedule", "expected", "more"),
+    [
+        ("nested", nested(1), []),
+        ("left-to-right", in_order("left-to-right"), []),
+        ("parallel", in_order("parallel"), []),
+        ("nested", nested(1), ["--length-km=10", "--loss-db-per-km=0.2", "--block-pairs=6000"]),
+    ],
+)
+def test_switches_purify_spans_before_they_swap(
+    tmp_path: Path, schedule: str, expected: float, more: list[str]
+) -> None:
+    words = [*IN_SWITCHES, "--schedule", schedule, "--count", "500", "--sample", "0.5", *more]
+    asking = result_of(tmp_path, *words)["job"]["asking"]
+    assert (asking["pairs"], asking["span_rounds"], asking["rounds"]) == (500, 1, 0)
+    require_estimate(asking, polarised(expected), 0.0)
+
+
+@pytest.mark.nightly
+def test_switches_with_noisy_gates_purify_as_hosts_do(tmp_path: Path) -> None:
+    """Few pairs a block: some have none left, which ends nothing."""
+    errors = "gates.two_qubit_depolarizing=0.02", "gates.readout_error=0.01"
+    more = ["--schedule", "nested", "--count", "600", "--sample", "0.5", "--block-pairs", "200"]
+    ends = [f"--device={host}.{error}" for host in ("alice", "bob") for error in errors]
+    parts = ["analyser.kind=gates", "analysers=1", "memories=2", "sources=1", *errors]
+    switches = [f"--switch={part}" for part in parts]
+    hosts = ["swap", "--topology", "repeaters,3", "--purification", "none", "--purify", "1"]
+    hosts += [f"--device=*.{part}" for part in (f"source.fidelity={FIDELITY}", *errors)]
+    found = [
+        result_of(tmp_path / name, *words, *more)["job"]["asking"]
+        for name, words in (
+            ("switches", [*IN_SWITCHES, *ends, *switches]),
+            ("hosts", hosts),
+        )
+    ]
+    one, other = (each["fidelity"] for each in found)
+    # F = (1 + XX - YY + ZZ)/4, each of a third of the sample, of a variance of at most 1.
+    assert abs(one - other) < 5 * sqrt(sum(9 / 16 / each["sampled"] for each in found))
+    assert max(one, other) < nested(1) - 0.02
 
 
 @pytest.mark.nightly

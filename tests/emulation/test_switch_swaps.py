@@ -419,6 +419,17 @@ def test_a_failed_analyser_and_a_killed_controller_end_sessions_by_name(tmp_path
             network.net.controllers[0].program.kill()
 
 
+@pytest.mark.nightly
+def test_a_controller_killed_between_rounds_leaves_nothing_in_memories(tmp_path: Path) -> None:
+    policy = tmp_path / "policy.toml"
+    policy.write_text('[swap]\nschedule = "nested"\nrounds = 2\n')
+    line = {"policy": str(policy)}
+    with nothing_left(), running(lambda: Line(2, fidelity=FIDELITY), tmp_path, **line) as network:
+        assert swapped(network, count=20, swaps=2)["span_rounds"] == 2
+        with ended(network, "(no outcomes of|released it from the memory)"):
+            network.net.controllers[0].program.kill()
+
+
 @contextmanager
 def ended(network: Network, text: str) -> Iterator[None]:
     """Fail unless a long session ends with this text by what is done meanwhile, without qubits."""

@@ -15,7 +15,7 @@ under way. The pairs are then used as in entanglement distribution.
 """
 
 from collections import defaultdict, deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -25,7 +25,12 @@ from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.middleware.services.distribution.distribute import make_pairs, share_pairs
 from hosts.middleware.services.distribution.pairs import Mask, Moments, Pairs
-from hosts.middleware.services.distribution.purification import DistributeOptions
+from hosts.middleware.services.distribution.purification import (
+    PHOTONS,
+    DistributeOptions,
+    Protocol,
+    compare,
+)
 from hosts.middleware.session.analyser_socket import AnalyserSocket, Swapped, analyser_socket
 from hosts.middleware.session.blocks import store, stored_since, take
 from hosts.middleware.session.ends import AcceptorEnd, Answerer, OpenerEnd, ServiceKind
@@ -44,7 +49,7 @@ from hosts.middleware.session.protocol import (
     own_pairs,
 )
 from hosts.timeouts import HERALD_TIMEOUT_S
-from wire.analyser_frames import Receivers
+from wire.analyser_frames import THIRD, AnalyserFrame, Receivers
 from wire.device import MAX_UNDER_WAY
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import MemoryState, Reason, Service
@@ -77,6 +82,7 @@ class Blocks:
         """Half 0 is kept by the opener, 1 by the acceptor."""
         self._side, self._frames, self._half = side, frames, half
         self._dark: deque[int] = deque()  # blocks whose light is to be made, in order
+        self._lit = 0  # blocks whose light was made
         self.under_way: set[int] = set()
         self._waited: defaultdict[int, Moments] = defaultdict(Moments)  # in switches, by place
 
@@ -84,6 +90,8 @@ class Blocks:
         """Have a block swapped as the opener, and keep what both ends have."""
         side = self._side
         swapped, kept, since_ns = yield from self._swapped(number, size)
+        if swapped.rounds:
+            pairs.facts.span_rounds = swapped.rounds
         yield side.say(Topic.SWAPPED, number, swapped.blocks, 32)
         yield side.say(Topic.ARRIVED, number, kept, 1)
         theirs = yield from hear(Topic.ARRIVED, number, kept.size, 1)
@@ -148,8 +156,12 @@ class Blocks:
             return heralded
         stored = yield from own_pairs(side, 2 * number + self._half, size, side.ports[0])
         self._dark.popleft()
-        swapped: Swapped = yield Wait(partial(self._frames.next, size, max(1, switches)))
-        here = stored.arrived[swapped.positions]
+        self._lit += 1
+        if switches:
+            yield Concurrently(self._purify(self._kept(number), self._lit))
+        awaited = partial(self._frames.next, size, max(1, switches), number=self._lit)
+        swapped: Swapped = yield Wait(awaited)
+        here = stored.arrived[swapped.positions] if not swapped.rounds else swapped.outcomes >= 0
         return swapped, here & (swapped.outcomes != NO_COINCIDENCE), stored.since_ns
 
     @property
@@ -170,6 +182,24 @@ class Blocks:
         """Take what was swapped of a block; there is none if a station has heralded nothing."""
         if swapped.outcomes.size or not self._is_heralded:
             yield from take(into, {self._kept(number): swapped.positions})
+
+    def _purify(self, name: BlockName, block: int) -> Steps[None]:
+        """Do the rounds of purification before swaps that the controller commands."""
+        # Blocks in use meanwhile are not those beside pairs that are delivered.
+        names = name, replace(name, half=1 - self._half)
+        while True:
+            command: AnalyserFrame | None = yield Wait(partial(self._frames.round, block))
+            if command is None:
+                return
+            symbols = np.frombuffer(command.outcomes, np.uint8)
+            at = np.flatnonzero(symbols != NO_COINCIDENCE)
+            if at.size < PHOTONS:
+                text = f"{at.size} pairs of block {block} to purify"
+                raise SessionError(Reason.PROTOCOL, text)
+            yield from take(name, {name: at})
+            protocol, turns = Protocol(command.method // 2), divmod(symbols[at], THIRD)
+            bits = yield from compare(names, self._half, protocol, turns[1], turns[0])
+            self._frames.answer(command, bits)
 
     def _kept(self, number: int) -> BlockName:
         return self._side.block(2 * number + self._half)

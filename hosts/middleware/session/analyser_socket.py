@@ -6,7 +6,7 @@ from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Any, Self
 from zlib import crc32
 
 import numpy as np
@@ -22,9 +22,11 @@ from wire.analyser_frames import (
     MEASURING,
     MOST_PAYLOAD,
     PLACES,
+    TO_CONTROLLERS,
     AnalyserFrame,
     End,
     Receivers,
+    frames_of,
     group_of,
 )
 from wire.malformed import MalformedPacket
@@ -53,6 +55,7 @@ class Swapped:
     blocks: list[int]  # which analysers, and their numbers of the block, alike at both ends
     waited_us: dict[int, int]  # in the memories of each switch of a chain, by its place
     attempts: int = 0  # at all stations
+    rounds: int = 0  # of purification, of each span of the chain
 
 
 @dataclass
@@ -112,8 +115,15 @@ class AnalyserSocket:
         """Read frames of a session's group, heralds to this end alone, and what is to everybody."""
         self._channels = outcomes, heralds
         self._groups = group_of(session), group_of(session, to)
+        self._to_controller = group_of(session, Receivers.CONTROLLER)
         self._analysers: defaultdict[bytes, Reports] = defaultdict(Reports)
         self._memory = Reports()  # that at the other end of this end's link
+        # The controller's, by number of the block: rounds of purification to do, and what is left.
+        self._commands: defaultdict[int, Reports] = defaultdict(Reports)
+        self._left: dict[int, AnalyserFrame] = {}
+        self._purified = False  # it has had pairs purified
+        self._over = 0  # the last block of which no round is to come
+        self._copper = ""  # the interface by which the controller's frames come
         self._ended: deque[Report] = deque(maxlen=MOST_REPORTS)  # light, other than measured
         self._turn, self._news = asyncio.Lock(), asyncio.Event()
 
@@ -141,17 +151,17 @@ class AnalyserSocket:
         for channel, group in zip(self._channels, self._groups, strict=True):
             with suppress(BlockingIOError):
                 while True:
-                    data = channel.recv(LONGEST)
+                    data, at = channel.recvfrom(LONGEST)
                     if not data[0] & 1 or data[:6] in (BROADCAST, group):
                         with suppress(MalformedPacket):
-                            self._take(data, AnalyserFrame.decode(data))
+                            self._take(data, AnalyserFrame.decode(data), at)
         self._news.set()
 
-    def _take(self, data: bytes, frame: AnalyserFrame) -> None:
+    def _take(self, data: bytes, frame: AnalyserFrame, at: Any) -> None:
         outcomes, heralds = self._groups
-        if frame.end == End.STORED:
+        if frame.end in TO_CONTROLLERS:
             if data[:6] == heralds:
-                self._memory.take(frame, is_own=True)
+                self._take_herald(frame, at)
         elif frame.end not in MEASURING:
             self._ended.append(Report(frame, data[:6] == outcomes))
         else:
@@ -159,19 +169,57 @@ class AnalyserSocket:
             if analyser in self._analysers or len(self._analysers) < MOST_ANALYSERS:
                 self._analysers[analyser].take(frame, data[:6] == outcomes)
 
-    async def next(self, pulses: int, analysers: int, limit_s: float = 0.0) -> Swapped:
+    def _take_herald(self, frame: AnalyserFrame, at: Any) -> None:
+        if frame.end == End.STORED:
+            self._memory.take(frame, is_own=True)
+        elif frame.end == End.PURIFY and self._over < frame.number <= self._over + MOST_REPORTS:
+            commands = self._commands[frame.number]
+            commands.take(frame, is_own=True)
+            self._purified = True
+            self._copper = at[0] if at else ""
+            if commands.whole and not commands.whole[-1].frame.method:
+                self._left[frame.number] = commands.whole.pop().frame
+
+    async def round(self, number: int) -> AnalyserFrame | None:
+        """Return a round of purification for a block; None when none is to come."""
+        while self._over < number:
+            if whole := self._commands[number].whole:
+                return whole.popleft().frame
+            await self._more()
+        self._commands.pop(number, None)
+        return None
+
+    def answer(self, command: AnalyserFrame, bits: NDArray[np.uint8]) -> None:
+        """Send the controller what was measured in a round."""
+        answer = replace(
+            command, end=End.PURIFIED, method=0, pulses=bits.size, outcomes=bits.tobytes()
+        )
+        with socket.socket(socket.AF_PACKET, socket.SOCK_RAW) as channel:
+            channel.bind((self._copper, 0))
+            address = channel.getsockname()[-1]
+            for frame in frames_of(answer):
+                channel.send(frame.encode(self._to_controller, address))
+
+    async def next(
+        self, pulses: int, analysers: int, limit_s: float = 0.0, number: int = 0
+    ) -> Swapped:
         """Return the outcomes of the next block, of this size, at a number of analysers.
 
         With a limit, of pairs that stations have heralded, which no memory has to find.
-        Raise SessionError if they do not come, or the light has ended otherwise.
+        If the controller has had any purified they are of the pairs that it has left of the
+        block's number. Raise SessionError if they do not come, or the light has ended otherwise.
         """
         most_s = limit_s or ANALYSER_TIMEOUT_S
         async with self._turn:
             try:
                 async with asyncio.timeout(most_s):
-                    while len(there := self._there(pulses)) < analysers:
+                    while len(there := self._there(pulses)) < analysers or (
+                        self._purified and number not in self._left
+                    ):
                         await self._more()
                     found = {each: self._analysers[each].pop() for each in there}
+                    if (left := self._end_rounds(number)) is not None:
+                        return _corrected(found, left)
                     positions = np.arange(pulses)
                     if not limit_s:
                         positions = await self._positions(pulses, found.values())
@@ -184,6 +232,12 @@ class AnalyserSocket:
                 )
                 raise SessionError(Reason.NO_LIGHT, text) from error
         return _together(found, positions)
+
+    def _end_rounds(self, number: int) -> AnalyserFrame | None:
+        """Note that no round of a block is to come; return what is left of it."""
+        self._over = number
+        self._news.set()
+        return self._left.pop(number, None)
 
     async def _more(self) -> None:
         self._news.clear()
@@ -215,6 +269,14 @@ class AnalyserSocket:
             text = f"a memory holds {herald.pulses} pulses of a block of {pulses}"
             raise SessionError(Reason.PROTOCOL, text)
         return np.flatnonzero(held) if gaps else np.arange(pulses)
+
+
+def _corrected(found: dict[bytes, AnalyserFrame], left: AnalyserFrame) -> Swapped:
+    """Return the pairs that the controller has left, with its corrections."""
+    outcomes = np.frombuffer(left.outcomes, np.uint8)
+    positions = np.flatnonzero(outcomes != NO_COINCIDENCE)
+    whole = _together(found, positions)
+    return replace(whole, outcomes=outcomes[positions], positions=positions, rounds=left.waited_us)
 
 
 def _together(found: dict[bytes, AnalyserFrame], positions: NDArray[np.intp]) -> Swapped:

@@ -1,16 +1,19 @@
 """The light of chains of switches that swap: granted, arbitrated, and what their sources emit."""
 
 from dataclasses import replace
+from functools import partial
 
 import pytest
 from metadata_scene import ALICE, BOB, FRAMED, HOLD_S, IDLE_S, frame, payload_of, rotating
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop, HostPort, Network
-from controller_apps.policy.schedules import schedule
+from controller_apps.policy.schedules import Purification
 from controller_apps.sessions.actions import (
     Action,
+    Drop,
     Emit,
+    Flood,
     Forward,
     Keep,
     KeepPulses,
@@ -18,7 +21,7 @@ from controller_apps.sessions.actions import (
 )
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.snapshot import decode_session
-from controller_apps.sessions.swap_turns import SwapTurns
+from controller_apps.sessions.swap_turns import Command, Release, SwapTurns
 from controller_apps.sessions.terms import UNFILTERED
 from wire.analyser_frames import (
     BROADCAST,
@@ -28,6 +31,7 @@ from wire.analyser_frames import (
     End,
     Receivers,
     frames_of,
+    group_of,
 )
 from wire.metadata.decoding import decode
 from wire.metadata.setup import Setup
@@ -239,26 +243,80 @@ def test_switches_swap_in_the_turns_of_the_policy() -> None:
         assert not arbiter.inner_frame(SwitchPort(2, 60_001), 7, outcomes)
 
 
-def test_blocks_follow_each_other_through_the_turns_before_the_first_is_done() -> None:
-    turns = SwapTurns(
-        tuple(tuple(Hop(dpid, port, port - 1000) for port in MEMORIES) for dpid in (1, 2, 3)),
-        schedule("nested", 3),
+def test_a_chain_without_memories_is_refused_if_the_policy_purifies() -> None:
+    arbiter = Arbiter(line(1, frozenset(inner_ports(analysers=1))), HOLD_S, IDLE_S)
+    arbiter.follow(replace(UNFILTERED, purification=Purification("dejmps", 1)))
+    answer = refusal(asked(arbiter, 1))
+    assert (answer.reason, answer.obstacle) == (
+        Reason.NO_CHAIN,
+        "switches purify only light that their memories take in",
     )
+
+
+def test_hosts_are_ends_of_a_chain_that_is_purified() -> None:
+    """Frames to alice go in where her set-up did; hers count if they come from her address."""
+    arbiter = Arbiter(line(1), HOLD_S, IDLE_S)
+    arbiter.follow(replace(UNFILTERED, purification=Purification("dejmps", 1)))
+    for each in asked(arbiter, 1):
+        if isinstance(each, OpenPaths):
+            arbiter.barrier_passed(each.dpid, each.transaction, NOW)
+    to_alice, to_memory = arbiter.inner_frame(SwitchPort(1, 61_001), 7, STORED)
+    round_ = AnalyserFrame(61_001, 5, End.PURIFY, 2, 0, bytes(2), method=5)
+    assert to_memory == KeepPulses(1, 61_001, round_)
+    assert isinstance(to_alice, Flood)
+    assert to_alice.dpid == S1
+    assert to_alice.frame[:6] == group_of(7, Receivers.OPENER)
+    command = AnalyserFrame.decode(to_alice.frame)
+    assert command == AnalyserFrame(1, 1, End.PURIFY, 2, 0, bytes(2), method=4)
+    bits = replace(command, end=End.PURIFIED, pulses=1, outcomes=b"\1", method=0)
+    arbiter.inner_frame(SwitchPort(1, 61_002), 7, STORED)
+    to_controller = group_of(7, Receivers.CONTROLLER)
+    addresses = frame(b"")[6:12], frame(b"")[:6]
+    for sender, receiver, sent in (
+        (addresses[1], to_controller, bits),
+        (addresses[0], group_of(8, Receivers.CONTROLLER), bits),
+        (addresses[0], to_controller, command),
+    ):
+        (drop,) = arbiter.host_frame(SwitchPort(S1, 1), sent.encode(receiver, sender))
+        assert isinstance(drop, Drop)
+    answers = [replace(bits, port=61_001, number=5), replace(bits, port=61_002, number=5)]
+    for at, answer in zip(MEMORIES, answers, strict=True):
+        data = answer.encode(BROADCAST, bytes(6))
+        assert not arbiter.inner_frame(SwitchPort(1, at), 7, data)
+    assert not arbiter.host_frame(SwitchPort(S1, 1), bits.encode(to_controller, addresses[0]))
+    theirs = replace(bits, port=2).encode(to_controller, addresses[1])
+    assert named(arbiter.host_frame(SwitchPort(S1, 2), theirs)) == {(1, at) for at in MEMORIES}
+
+
+def swaps(switches: int) -> tuple[tuple[Hop, ...], ...]:
+    """Return those of a chain."""
+    places = range(1, switches + 1)
+    return tuple(tuple(Hop(dpid, port, port - 1000) for port in MEMORIES) for dpid in places)
+
+
+def test_blocks_follow_each_other_through_the_turns_before_the_first_is_done() -> None:
+    turns = SwapTurns(swaps(3), "nested")
+    measured = partial(AnalyserFrame, 60_001, end=End.MEASURED, pulses=2, outcomes=bytes(2))
     for dpid in (1, 3):
-        assert turns.measured(SwitchPort(dpid, 60_001)) == []  # light of others
+        assert turns.arrived(SwitchPort(dpid, 60_001), measured(1)) == []  # light of others
     for number in (5, 6, 7):
         for dpid in (1, 3, 2):
             herald = AnalyserFrame(61_001, number, End.STORED, 2, 0, bytes(2))
-            due = [turns.stored(SwitchPort(dpid, port), herald) for port in MEMORIES]
+            due = [turns.arrived(SwitchPort(dpid, port), herald) for port in MEMORIES]
             # The right memory of the first is of the link to the second, which comes last.
-            assert [len(each) for each in due] == ([1, 1] if dpid == 2 else [0, 0])
+            released = 2 + (number == 5)
+            assert [len(each) for each in due] == ([released] * 2 if dpid == 2 else [0, 0])
     for number in (5, 6, 7):
-        assert turns.measured(SwitchPort(1, 60_001)) == []
-        (release,) = turns.measured(SwitchPort(3, 60_001))
-        assert (release.swap[0].dpid, release.is_first) == (2, number == 5)
-        assert {herald.number for _at, herald in release.pulses} == {number}
-        assert turns.measured(SwitchPort(2, 60_001)) == []
-    assert turns.measured(SwitchPort(2, 60_001)) == []  # nothing was released
+        assert turns.arrived(SwitchPort(1, 60_001), measured(number)) == []
+        named = turns.arrived(SwitchPort(3, 60_001), measured(number))
+        assert [each for each in named if isinstance(each, Release)] == (
+            [Release(2, swaps(3)[1])] if number == 5 else []
+        )
+        commands = [each for each in named if isinstance(each, Command)]
+        assert [each.at for each in commands] == [SwitchPort(2, port) for port in MEMORIES]
+        assert {each.frame.number for each in commands} == {number}
+        assert turns.arrived(SwitchPort(2, 60_001), measured(number)) == []
+    assert turns.arrived(SwitchPort(2, 60_001), measured(8)) == []  # nothing was released
 
 
 @pytest.mark.parametrize(("modes", "pairs"), [(400, 100), (3, 1), (4_000_000, FRAMED.pairs)])
@@ -317,16 +375,15 @@ def named(actions: list[Action]) -> set[tuple[int, int]]:
     ],
 )
 def test_heralds_that_do_not_fit_release_nothing(spoiled: dict[str, object]) -> None:
-    hops = (Hop(1, 61_001, 60_001), Hop(1, 61_002, 60_002)), (Hop(2, 61_001, 60_001),)
-    turns = SwapTurns(hops, schedule("parallel", 2))
+    turns = SwapTurns(swaps(2), "parallel")
     left, right, far = (SwitchPort(1, 61_001), SwitchPort(1, 61_002), SwitchPort(2, 61_001))
     halves = [AnalyserFrame(61_001, 3, End.STORED, 4, first, bytes(2)) for first in (0, 2)]
     for at in (left, far):
         for half in halves:
-            assert turns.stored(at, half) == []
-    assert turns.stored(right, halves[0]) == []
-    assert turns.stored(right, replace(halves[1], **spoiled)) == []  # type: ignore[arg-type]
+            assert turns.arrived(at, half) == []
+    assert turns.arrived(right, halves[0]) == []
+    assert turns.arrived(right, replace(halves[1], **spoiled)) == []  # type: ignore[arg-type]
     # A whole one afterwards is taken, in place of the one that was spoiled.
     if "pulses" not in spoiled:
-        assert turns.stored(right, halves[0]) == []
-        assert hops[0] in [each.swap for each in turns.stored(right, halves[1])]
+        assert turns.arrived(right, halves[0]) == []
+        assert Release(1, swaps(2)[0]) in turns.arrived(right, halves[1])

@@ -446,7 +446,7 @@ def test_memories_purify_as_the_closed_forms_say(tmp_path: Path, protocol: int) 
                 named[kept] = 0
                 await bench.switch.call(
                     "Keep",
-                    KeepRequest(switch="q1", port=port, number=2, outcomes=named.tobytes()),
+                    KeepRequest(switch="q1", port=port, number=1, outcomes=named.tobytes()),
                 )
             await bench.switch.connect(*STORING, *LEADING)
             found.extend(np.bincount(await swapped(scene), minlength=4) / kept.size)
@@ -472,5 +472,5 @@ async def purified(scene: Scene, port: int, protocol: int) -> np.ndarray[Any, An
         request.outcomes = part.tobytes()
         await scene.bench.switch.call("Keep", request)
     report = await scene.report()
-    assert (report.port, report.end, report.number) == (port, BellOutcomes.PURIFIED, 2)
+    assert (report.port, report.end, report.number) == (port, BellOutcomes.PURIFIED, 1)
     return np.frombuffer(report.outcomes, np.uint8)

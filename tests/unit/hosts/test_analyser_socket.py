@@ -40,6 +40,10 @@ class Copper:
         for frame in frames_of(report):
             self.heralds.send(frame.encode(group_of(SESSION, to), bytes(6)))
 
+    def command(self, command: AnalyserFrame, to: Receivers = Receivers.OPENER) -> None:
+        for frame in frames_of(command):
+            self.heralds.send(frame.encode(group_of(SESSION, to), bytes(6)))
+
     def next(self, *sizes: int) -> list[Swapped]:
         """Return the outcomes of blocks at two switches, asked for at once."""
 
@@ -110,6 +114,30 @@ def test_a_herald_of_another_block_ends_the_session() -> None:
             wire.report(switch, 1, bytes(2))
         with pytest.raises(SessionError, match="a memory holds 3 pulses of a block of 4"):
             wire.next(4)
+
+
+def test_rounds_of_purification_and_what_is_left_come_from_the_controller() -> None:
+    """All outcomes of a purified block may be there before the controller names its pairs."""
+    with copper() as wire:
+
+        async def scene() -> tuple[Swapped, AnalyserFrame | None, AnalyserFrame | None]:
+            with wire.frames.reading():
+                found = asyncio.create_task(wire.frames.next(SIZE, 2, number=1))
+                command = await wire.frames.round(1)
+                for switch in (1, 2):
+                    wire.report(switch, 1, b"\1" * 2)
+                over = asyncio.create_task(wire.frames.round(1))
+                await asyncio.sleep(0)
+                assert not found.done()
+                wire.command(AnalyserFrame(1, 1, End.PURIFY, 4, 0, bytes([LOST, 2, LOST, 0]), 3))
+                return await found, command, await over
+
+        round_ = AnalyserFrame(1, 1, End.PURIFY, SIZE, 0, bytes(SIZE), method=4)
+        wire.command(round_, Receivers.ACCEPTOR)
+        wire.command(round_)
+        left, command, over = asyncio.run(scene())
+    assert (command, over) == (round_, None)
+    assert (left.positions.tolist(), left.outcomes.tolist(), left.rounds) == ([1, 3], [2, 0], 3)
 
 
 def test_analysers_beyond_the_most_are_not_heard() -> None:

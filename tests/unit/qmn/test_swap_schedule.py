@@ -54,12 +54,12 @@ def test_only_swaps_have_turns() -> None:
         parse("distribute", "--schedule", "nested")
 
 
-def test_switches_take_turns_and_purify_nothing() -> None:
+def test_switches_take_turns_and_purify() -> None:
     request, _network = checked(parse("swap", "--topology", "chain,2", "--schedule", "nested"))
     assert request.network.switch == ("analysers=1", "memories=2", "sources=1")
     assert (request.service, getattr(request.options, "swaps", 0)) == ("switch_swap", 2)
-    with pytest.raises(BadInput, match="--purify is of repeaters that are hosts"):
-        checked(parse("swap", "--topology", "chain", "--purify", "1"))
+    request, _network = checked(parse("swap", "--topology", "chain", "--purify", "1"))
+    assert (request.service, request.purify) == ("switch_swap", 1)
 
 
 def test_hosts_that_purify_nothing_take_no_turns() -> None:

@@ -50,12 +50,35 @@ def purify(name: BlockName, size: int, protocol: Protocol, seed: int) -> Steps[S
     The block holds one pair of each two afterwards, in memory: those are to be kept whose
     outcomes are the same at both ends. Both ends give the same seed.
     """
-    order: Positions = np.arange(size)
+    operators, thirds = np.zeros(size, dtype=np.uint8), np.zeros(size, dtype=np.uint8)
     if protocol == Protocol.BBPSSW:
-        order = yield from _twirl(name, size, np.random.default_rng(seed))
+        draws = np.random.default_rng(seed)
+        operators = draws.integers(0, 4, size, dtype=np.uint8)
+        thirds = draws.integers(0, len(THIRDS), size).astype(np.uint8)
+    return (yield from compare((name, name), name.half, protocol, operators, thirds))
+
+
+def compare(
+    names: tuple[BlockName, BlockName],
+    half: int,
+    protocol: Protocol,
+    operators: Symbols,
+    thirds: Symbols,
+) -> Steps[Symbols]:
+    """Do what `purify` does at an end by operators and thirds of a turn that both ends have.
+
+    The second name is of a block beside which others are in use meanwhile.
+    """
+    name, beside = names
+    size = operators.size
+    order: Positions = np.arange(size)
+    if protocol == Protocol.BBPSSW or operators.any():
+        yield from do(Qnic.apply, name, operators)
+    if protocol == Protocol.BBPSSW:
+        order = yield from _turn_thirds(names, half, thirds)
     else:
-        yield from do(Qnic.rotate, name, QUARTER_TURNS[name.half])
-    pairs, targets = size // PHOTONS, reserved(name, TARGETS)
+        yield from do(Qnic.rotate, name, QUARTER_TURNS[half])
+    pairs, targets = size // PHOTONS, reserved(beside, TARGETS)
     yield from do(Qnic.gather, targets, {name: order[1 : 2 * pairs : 2]}, keep_rest=True)
     yield from do(Qnic.gather, name, {name: order[0 : 2 * pairs : 2]})
     yield from do(Qnic.controlled_x, name, targets)
@@ -64,17 +87,18 @@ def purify(name: BlockName, size: int, protocol: Protocol, seed: int) -> Steps[S
     return np.where(arrived & (outcomes <= 1), outcomes, LOST).astype(np.uint8)
 
 
-def _twirl(name: BlockName, size: int, draws: np.random.Generator) -> Steps[Positions]:
+def _turn_thirds(
+    names: tuple[BlockName, BlockName], half: int, chosen: Symbols
+) -> Steps[Positions]:
     """Make Werner pairs of any; return where each is in the block now."""
-    yield from do(Qnic.apply, name, draws.integers(0, 4, size, dtype=np.uint8))
-    chosen = draws.integers(0, len(THIRDS), size)
+    name, beside = names
     thirds: dict[BlockName, Positions] = {name: np.zeros(0, dtype=np.int64)}
     for third, number in enumerate(THIRDS):
         mine = np.flatnonzero(chosen == third)
         if mine.size:
-            part = reserved(name, number)
+            part = reserved(beside, number)
             yield from do(Qnic.gather, part, {name: mine}, keep_rest=True)
-            if gates := CYCLES[name.half][third]:
+            if gates := CYCLES[half][third]:
                 yield from do(Qnic.rotate, part, gates)
             thirds[part] = np.arange(mine.size)
     yield from do(Qnic.gather, name, thirds)
