@@ -2,6 +2,7 @@
 
 import json
 import re
+import signal
 import threading
 import urllib.request
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ import pytest
 from conftest import qmn, wait_until
 from loaded import Running, running_qmn
 
+from topologies.system.runs.runtime import MACHINE_PAGES
 from views.live.acts import ACTS
 
 ADDRESS = re.compile(r"live view: (http\S+)")
@@ -151,6 +153,25 @@ def test_networks_apart_have_their_pages_at_one_address(tmp_path: Path) -> None:
         wait_until(lambda: not told(f"{url}networks")["running"], "their end", DEADLINE_S)
     assert sweep.returncode == 0
     assert not answers(url)
+
+
+def test_all_networks_of_a_machine_have_one_page(tmp_path: Path) -> None:
+    with running_qmn("live", "--all", "--no-browser", end_s=DEADLINE_S) as page:
+        url = next(filter(None, map(ADDRESS.search, page.stdout)))[1]
+        try:
+            with running_qmn("cli", "sdc", "--runs", str(tmp_path), typed=True) as network:
+                wait_until(lambda: told(f"{url}networks")["running"] == [1], "it", DEADLINE_S)
+                (name,) = told(f"{url}networks")["names"].values()
+                assert name.endswith((tmp_path / "latest").resolve().name)
+                assert told(f"{url}1/network.json")["number"] == 1
+                assert network.stdin is not None
+                network.stdin.write("exit\n")
+                network.stdin.flush()
+            assert told(f"{url}networks")["running"] == []
+        finally:
+            page.send_signal(signal.SIGINT)
+    assert page.returncode == 0
+    assert not MACHINE_PAGES.exists()
 
 
 def told(url: str) -> dict[str, Any]:

@@ -30,20 +30,24 @@ def live_view(
 ) -> Iterator[None]:
     """Serve the page of the network that runs, and say where, as long as this lasts.
 
-    If it is one of several of a command, its page is at the address of that, wanted here or not.
+    If it is one of several of a command, its page is at the address of that, wanted here or not;
+    else, if none is wanted, at that of all networks of this machine, if there is one.
     The log is in the folder of the run. Raise NetworkError if it does not begin in time.
     """
     (folder / ACTS).unlink(missing_ok=True)  # of an earlier network in this folder
-    pages = Pages.of_command()
-    if pages is None and not (wanted or for_all):
+    alone = wanted or for_all
+    pages = Pages.of_command() or (None if alone else Pages.of_machine())
+    if pages is None and not alone:
         yield
         return
     server = Program("live", folder / "live.log")
     command = [python(), "-m", "qmn", "live", *(["--for-all"] if for_all and not pages else [])]
     with ExitStack() as stack:
         if pages is not None:
-            number = stack.enter_context(pages.one_more(folder.name))
-            command = ["env", f"{NUMBER}={number}", *command, "--no-browser"]
+            names = os.environ.get("SUDO_USER"), folder.name  # whose it is, in a class
+            number = stack.enter_context(pages.one_more(" ".join(filter(None, names))))
+            found = f"{LIVE_PAGES}={pages.folder}", f"{NUMBER}={number}"
+            command = ["env", *found, *command, "--no-browser"]
         stack.callback(server.stop)
         server.start(command)
         server.wait_for(ANNOUNCEMENT, LIVE_START_S)

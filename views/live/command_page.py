@@ -1,11 +1,11 @@
-"""The one address of a command that starts several networks: it leads to the page of each.
+"""The one address of several networks, of a command or of a machine: it leads to each's page.
 
     python -m views.live.command_page FOLDER     of pages.py
 
 GET /SECRET/            goes to the newest network that runs; if none does, says so
 GET /SECRET/next.js     by which that page goes to the next one
-GET /SECRET/networks    the networks of the command: names by number, which run, whether it is over;
-                        with ?next as soon as one runs, or the command has ended
+GET /SECRET/networks    the networks: names by number, which run, whether no more will come;
+                        with ?next as soon as one runs, or none will come
     /SECRET/NUMBER/...  whatever the server of that network answers
 
 It runs until a signal ends it, and takes the folder away.
@@ -37,11 +37,11 @@ WAITING = """<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>qmn</ti
 <script type="module" src="%snext.js"></script>
 <h1>qmn</h1><p role="status">%s This page goes to the next network by itself.</p></html>"""
 SCRIPT = Path(__file__).with_name("page") / "next.js"
-NONE_YET = "No network of this command runs yet."
+NONE_YET = "No network runs yet."
 ENDED = "Network {}, {}, has ended."
 
 
-async def serve(pages: Pages, place: Place, *, for_all: bool) -> None:
+async def serve(pages: Pages, place: Place, *, for_all: bool, browser: bool = True) -> None:
     """Say where it is, and serve until cancelled; raise OSError if the place cannot be had."""
     over, waiting = asyncio.Event(), set[asyncio.Task[None]]()
     answer = partial(answered, pages, over, waiting)
@@ -50,7 +50,7 @@ async def serve(pages: Pages, place: Place, *, for_all: bool) -> None:
         server = StreamServer(answer, listener)
         (pages.folder / PORT).write_text(str(port))
         try:
-            say(f"http://{LOOPBACK}:{port}/{pages.secret}/", browser=True, for_all=where)
+            say(f"http://{LOOPBACK}:{port}/{pages.secret}/", browser, for_all=where)
             await asyncio.Event().wait()
         finally:
             over.set()

@@ -1,20 +1,24 @@
-"""The pages of the networks of one command, in a folder: a number for each, and what serves it.
+"""The pages of networks, in a folder: of one command, or of this machine (`qmn live --all`).
+
+Each has a number there, and what serves it.
 
 Networks begin in other processes, perhaps in namespaces of their own, which share files alone: each
 finds the folder by its environment, and serves its page at a socket there as long as it runs.
 """
 
+import fcntl
 import os
 import secrets
+import shutil
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from topologies.system.runs.runtime import LIVE_PAGES
+from topologies.system.runs.runtime import LIVE_PAGES, MACHINE_PAGES
 
-SECRET, PORT, NAME, SOCKET = "secret", "port", "name", "socket"
+SECRET, PORT, NAME, SOCKET, LOCK = "secret", "port", "name", "socket", "lock"
 NUMBER = "QMN_LIVE_NUMBER"  # in the environment of what serves a network
 ENDED = "ended"  # what the socket is then called
 
@@ -30,6 +34,18 @@ class Pages:
         """Return those of the command that this process is part of; None if it has none."""
         folder = os.environ.get(LIVE_PAGES)
         return Pages(Path(folder)) if folder else None
+
+    @staticmethod
+    def of_machine() -> "Pages | None":
+        """Return those of all networks of this machine; None if nobody shows them."""
+        try:
+            with (MACHINE_PAGES / LOCK).open() as lock:
+                fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return Pages(MACHINE_PAGES)
+        except FileNotFoundError:
+            pass
+        return None  # or who has shown them was killed
 
     @property
     def secret(self) -> str:
@@ -81,3 +97,18 @@ class Pages:
             except OSError:  # it is not there any more, or who has served it was killed
                 return False
         return True
+
+
+@contextmanager
+def kept_of_machine() -> Iterator[Pages]:
+    """Keep a folder for pages of the networks that start on this machine.
+
+    The server of its address removes it. Raise OSError if another shows them.
+    """
+    if Pages.of_machine():
+        raise OSError("another `qmn live --all` shows the networks of this machine")
+    shutil.rmtree(MACHINE_PAGES, ignore_errors=True)  # of one that was killed
+    MACHINE_PAGES.mkdir(mode=0o700, parents=True)
+    with (MACHINE_PAGES / LOCK).open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield Pages(MACHINE_PAGES)

@@ -1,5 +1,7 @@
 """qmn live [RUN]: see what happens in the network that runs, or happened in a run, in the browser.
 
+With --all it shows all networks that start on this machine from now on, as of a class.
+
 The page is served on the loopback, under an address that nobody can guess, until Ctrl-C.
 """
 
@@ -17,9 +19,11 @@ from qmn.options import add_options, read
 from qmn.running.network import KILLED, announced_network, dispatcher_of_running_network
 from topologies.system.processes.programs import NetworkError
 from views.archive.named_run import add_run
+from views.live import command_page
 from views.live.address import Place, place_given, say, until_a_signal
 from views.live.handshakes import drawn_handshake
 from views.live.layout import described
+from views.live.pages import kept_of_machine
 from views.live.server import View, serve
 from views.live.sources import following, timeline_of_run
 from views.live.timeline import Timeline
@@ -36,6 +40,7 @@ class LiveOptions:
     port: int = option(0, "of the page, on the loopback (one that is free)", range=(0, 65535))
     read_only: bool = option(False, "a page to look at: one cannot act")
     for_all: bool = option(False, "also a read-only address for all in the network, by TLS")
+    all: bool = option(False, "every network that starts on this machine from now on, one page")
     browser: bool = option(True, "do not open a browser")
 
 
@@ -47,6 +52,8 @@ def add_parser(verbs: Any) -> None:
 
 
 def _needed(arguments: argparse.Namespace) -> Needs:
+    if arguments.all:
+        return Needs.ROOT
     return Needs.RUNNING if arguments.run is None else Needs.NOTHING
 
 
@@ -58,6 +65,8 @@ def call(arguments: argparse.Namespace) -> int:
         print("qmn: --port: in Docker it is QMN_LIVE_PORT that chooses it", file=sys.stderr)
         return 2
     try:
+        if options.all:
+            return _of_machine(arguments.run, options, place)
         with shown(arguments.run, options.read_only) as view:
 
             def opened(address: str, where: str) -> None:
@@ -67,6 +76,21 @@ def call(arguments: argparse.Namespace) -> int:
     except (BadRun, MalformedPacket, NetworkError, OSError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
+    return 0
+
+
+def _of_machine(run: Path | None, options: LiveOptions, place: Place) -> int:
+    """Show all networks until Ctrl-C; raise OSError if another does."""
+    if run is not None or options.read_only:
+        what = "--read-only" if run is None else run
+        print(
+            f"qmn: --all {what}: --all shows networks that start from now on; leave out {what}",
+            file=sys.stderr,
+        )
+        return 2
+    with kept_of_machine() as pages:
+        served = command_page.serve(pages, place, for_all=options.for_all, browser=options.browser)
+        asyncio.run(until_a_signal(served))
     return 0
 
 

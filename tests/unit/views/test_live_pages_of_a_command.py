@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
 from live_page import live, served
 from live_view_scene import DEADLINE_MS, light, opened
 from live_view_scene import chromium as chromium
@@ -17,7 +18,7 @@ from playwright.sync_api import Browser, expect
 
 from views.live import acts
 from views.live.address import Place
-from views.live.pages import Pages
+from views.live.pages import Pages, kept_of_machine
 from views.live.server import View
 
 SERVER = """import asyncio, sys
@@ -75,7 +76,7 @@ def test_the_page_of_a_command_goes_from_network_to_network(
         page.set_default_timeout(DEADLINE_MS)
         page.goto(url)
         status, name, networks = map(page.locator, ("[role=status]", "h1", "#networks option"))
-        expect(status).to_contain_text("No network of this command runs yet.")
+        expect(status).to_contain_text("No network runs yet.")
         with served_in(pages, tmp_path, "first") as view:
             expect(name).to_have_text("network 1: first")
             expect(status.first).to_have_text("live: network 1")
@@ -90,7 +91,7 @@ def test_the_page_of_a_command_goes_from_network_to_network(
             with served_in(pages, tmp_path, "third"):
                 expect(networks).to_have_text(["2: second", "3: third"])
                 expect(name).to_have_text("network 2: second")  # which goes on
-                page.get_by_label("of this command").select_option("3")
+                page.get_by_label("networks").select_option("3")
                 expect(name).to_have_text("network 3: third")
                 page.get_by_role("button", name="pause").click()
             text = "network 3 has ended, and network 2 runs: see latest"
@@ -112,12 +113,12 @@ def test_a_page_that_waits_for_a_network_hears_that_its_command_has_ended(
     with address_of_command(tmp_path / "pages") as (_pages, url):
         page = opened(chromium, url, said)
         status = page.locator("[role=status]")
-        expect(status).to_contain_text("No network of this command runs yet.")
+        expect(status).to_contain_text("No network runs yet.")
         with page.expect_request(re.compile(r"/networks\?next$")):
             page.reload()
         # That question may only be on its way; a browser's next one comes after it.
         assert page.evaluate("async () => (await fetch('networks')).status") == 200
-    expect(status).to_have_text("No network of this command runs yet. So has its command.")
+    expect(status).to_have_text("No network runs yet. So has its command.")
     page.close()
 
 
@@ -134,3 +135,18 @@ def test_a_network_waits_for_a_page_that_is_being_opened(
     expect(page.locator("#status")).to_have_text("the network has ended")
     expect(page.locator("#memories tbody tr")).to_have_count(1)
     page.close()
+
+
+def test_one_shows_the_networks_of_a_machine_at_a_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("views.live.pages.MACHINE_PAGES", tmp_path / "pages")
+    assert Pages.of_machine() is None
+    with kept_of_machine() as pages:
+        assert Pages.of_machine() == pages
+        (pages.folder / "1").mkdir()
+        with pytest.raises(OSError, match="another `qmn live --all`"), kept_of_machine():
+            pass
+    assert Pages.of_machine() is None  # as if it had been killed: the folder is left
+    with kept_of_machine() as pages:
+        assert list(pages.folder.glob("[0-9]*")) == []

@@ -45,6 +45,7 @@ REST_TOKEN = "rest-token"  # noqa: S105 (the name of a file in the private folde
 RECORD = "dispatcher.record"  # what the dispatcher was asked
 EVENT_LOG = "quantum.log"  # what happened to the qubits, a line an event
 EVENT_CAPTURE = "quantum.pcapng"  # the same for Wireshark and qmn spy
+MACHINE_PAGES = RUNTIME_ROOT / "live-pages"  # of all networks, while `qmn live --all` shows them
 LIVE_PAGES = "QMN_LIVE_PAGES"  # in the environment: the folder of a command's live pages
 
 

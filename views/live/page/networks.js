@@ -1,4 +1,4 @@
-// The networks of a command that starts several: which there are, which run, and the way to another.
+// The networks of one address, of a command or a machine: which there are, which run, and the way to another.
 
 const LOOK_MS = 1000;
 
