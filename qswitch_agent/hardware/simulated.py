@@ -27,6 +27,7 @@ from wire import dispatcher_pb2 as messages
 from wire import dispatcher_service
 from wire.analyser_frames import MOST, AnalyserFrame, Emission, End, MemoryCounts
 from wire.dispatcher_pb2 import CrossConnectOutcome, CrossConnectRequest
+from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import cross_connects_socket
 from wire.malformed import MalformedPacket
 from wire.network_time import REAL_TIME, LinkCounts, NetworkTime, SteppedTime
@@ -108,37 +109,7 @@ class SimulatedSwitch:
             f"unix:{socket}", dispatcher_service.CHANNEL_OPTIONS
         )
         self._cross_connects = DispatcherLink(socket, token)
-        self._tune_port = self._channel.unary_unary(
-            "/qmn.Dispatcher/TunePort",
-            request_serializer=messages.TunePortRequest.SerializeToString,
-            response_deserializer=messages.TunePortReply.FromString,
-        )
-        self._emit = self._channel.unary_unary(
-            "/qmn.Dispatcher/Emit",
-            request_serializer=messages.EmitRequest.SerializeToString,
-            response_deserializer=messages.EmitReply.FromString,
-        )
-        self._keep = self._channel.unary_unary(
-            "/qmn.Dispatcher/Keep",
-            request_serializer=messages.KeepRequest.SerializeToString,
-            response_deserializer=messages.KeepReply.FromString,
-        )
-        self._statistics = self._channel.unary_unary(
-            "/qmn.Dispatcher/SwitchStatistics",
-            request_serializer=messages.SwitchStatisticsRequest.SerializeToString,
-            response_deserializer=messages.SwitchStatisticsReply.FromString,
-        )
-        self._watch = self._channel.unary_stream(
-            "/qmn.Dispatcher/WatchSwitch",
-            request_serializer=messages.WatchSwitchRequest.SerializeToString,
-            response_deserializer=messages.SwitchCondition.FromString,
-        )
-
-        self._watch_analysers = self._channel.unary_stream(
-            "/qmn.Dispatcher/WatchAnalysers",
-            request_serializer=messages.WatchSwitchRequest.SerializeToString,
-            response_deserializer=messages.BellOutcomes.FromString,
-        )
+        self._stub = DispatcherStub(self._channel)  # type: ignore[no-untyped-call]
 
     async def set_cross_connects(self, cross_connects: Iterable[CrossConnect]) -> None:
         """Tell the dispatcher, and wait until the switching time has passed."""
@@ -182,14 +153,14 @@ class SimulatedSwitch:
                 raise HardwareRefusal(f"port {port} cannot be tuned to {frequency_mhz} MHz")
             request.frequency_mhz = frequency_mhz
         reply = await self._answer(
-            self._tune_port(request, timeout=self._deadline_s, metadata=self._metadata)
+            self._stub.TunePort(request, timeout=self._deadline_s, metadata=self._metadata)
         )
         await self._wait_until(reply.ready_ns)
 
     async def read(self) -> Readings:
         request = messages.SwitchStatisticsRequest(switch=self._switch)
         reply = await self._answer(
-            self._statistics(request, timeout=self._deadline_s, metadata=self._metadata)
+            self._stub.SwitchStatistics(request, timeout=self._deadline_s, metadata=self._metadata)
         )
         return _readings(reply, self._time.now_ns())
 
@@ -199,7 +170,7 @@ class SimulatedSwitch:
         The stream's end tells at once that the dispatcher is gone.
         """
         request = messages.WatchSwitchRequest(switch=self._switch)
-        call = self._watch(request, metadata=self._metadata)
+        call = self._stub.WatchSwitch(request, metadata=self._metadata)
         heard = False
         try:
             async for condition in call:
@@ -218,7 +189,7 @@ class SimulatedSwitch:
 
     async def watch_analysers(self, on_report: Callable[[AnalyserFrame], None]) -> None:
         request = messages.WatchSwitchRequest(switch=self._switch)
-        call = self._watch_analysers(request, metadata=self._metadata)
+        call = self._stub.WatchAnalysers(request, metadata=self._metadata)
         try:
             async for report in call:
                 end, pulses = End(report.end), report.photons
@@ -242,7 +213,7 @@ class SimulatedSwitch:
             rate_hz=emission.rate_hz,
             frequency_mhz=emission.frequency_mhz,
         )
-        call = self._emit(request, timeout=self._deadline_s, metadata=self._metadata)
+        call = self._stub.Emit(request, timeout=self._deadline_s, metadata=self._metadata)
         await self._answer(call)
 
     async def keep(self, chosen: AnalyserFrame) -> None:
@@ -254,7 +225,7 @@ class SimulatedSwitch:
             outcomes=chosen.outcomes,
             method=chosen.method,
         )
-        call = self._keep(request, timeout=self._deadline_s, metadata=self._metadata)
+        call = self._stub.Keep(request, timeout=self._deadline_s, metadata=self._metadata)
         await self._answer(call)
 
     @property

@@ -240,7 +240,6 @@ class Programs(Server):
 
 
 async def _first_end(*directions: Coroutine[Any, Any, str]) -> None:
-    """Let all run until one of them ends."""
     tasks = [asyncio.create_task(direction) for direction in directions]
     try:
         done, _pending = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
