@@ -15,6 +15,7 @@ from hosts.middleware.session.ends import (
     Answerer,
     Carrier,
     ConnectionEnd,
+    End,
     OpenerEnd,
     ServiceKind,
     Tell,
@@ -46,8 +47,27 @@ class Application(Protocol):
         """Pass it bytes; waits while it does not read."""
 
 
-class OpeningSession:
+class Session:
+    _setup: Setup
+    _end: End | None
+
+    @property
+    def setup(self) -> Setup:
+        return self._setup
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        return vars(self._end.summary) if self._end else {}
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        return self._end.counts() if self._end else {}
+
+
+class OpeningSession(Session):
     """A session that this host asks for."""
+
+    _end: OpenerEnd | None
 
     def __init__(
         self,
@@ -63,22 +83,10 @@ class OpeningSession:
         require_fibers(setup, Role.OPENER, resources.at(setup.wavelength_pm).qnic, self._by)
         self._kind, self._options, self._resources = kind, options, resources
         self._arrangement, self._setup, self._is_source = arrangement, setup, is_source
-        self._end: OpenerEnd | None = None
+        self._end = None
         self._wanted_back = False
         self.answer: Answerer | None = None  # to the application's questions, if it may ask
         self.carrier: Carrier | None = None  # of the application's bytes, if it may send some
-
-    @property
-    def setup(self) -> Setup:
-        return self._setup
-
-    @property
-    def summary(self) -> dict[str, Any]:
-        return vars(self._end.summary) if self._end else {}
-
-    @property
-    def counts(self) -> Mapping[str, int]:
-        return self._end.counts() if self._end else {}
 
     @property
     def watched(self) -> Watched | None:
@@ -152,8 +160,10 @@ class OpeningSession:
         await release(self._resources.qnic, self._setup.session)
 
 
-class AcceptingSession:
+class AcceptingSession(Session):
     """A session that another host has asked for."""
+
+    _end: AcceptorEnd | None
 
     def __init__(
         self,
@@ -168,20 +178,8 @@ class AcceptingSession:
         self._accepted = replace(accepted, wavelength_pm=setup.wavelength_pm)
         require_fibers(setup, Role.ACCEPTOR, resources.qnic, making(setup, False))
         self._kind, self._resources, self._channel, self._setup = kind, resources, channel, setup
-        self._end: AcceptorEnd | None = None
+        self._end = None
         self.answer: Answerer | None = None  # to the application's questions, if it may ask
-
-    @property
-    def setup(self) -> Setup:
-        return self._setup
-
-    @property
-    def summary(self) -> dict[str, Any]:
-        return vars(self._end.summary) if self._end else {}
-
-    @property
-    def counts(self) -> Mapping[str, int]:
-        return self._end.counts() if self._end else {}
 
     @property
     def watched(self) -> None:
