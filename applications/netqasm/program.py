@@ -71,7 +71,7 @@ def located(role: str, folder: Path, number: int | None = None) -> Iterator[None
         raise ProgramError(f"{place}: {type(error).__name__}: {error}") from error
 
 
-def main() -> int:
+def parsed() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m applications.netqasm.program", description=__doc__
     )
@@ -85,7 +85,11 @@ def main() -> int:
     text = "of the gate that steps the network's time"
     parser.add_argument("--time-folder", default="", help=text)
     parser.add_argument("--logs", type=Path, required=True, help="folder for what the SDK logs")
-    arguments = parser.parse_args()
+    return parser.parse_args()
+
+
+def main() -> int:
+    arguments = parsed()
     role = arguments.role
     placement = Placement(**arguments.placement, stacks={role: arguments.stack})
     program = arguments.path.is_file()

@@ -118,20 +118,19 @@ def _running(
     context: RunContext, facts: RunResult, places: dict[str, Machine]
 ) -> Iterator[Network]:
     description, run, console = context.network, context.options, context.console
-    options, pace = description.options, description.pace
-    note_pace(facts, pace)
-    console.print(f"starting the network ({options.controller}, seed {options.seed}) ...")
-    if pace.reason:
-        console.print(f"time: {time_text(facts)}", soft_wrap=True)
-    if unused := description.unused_settings:
-        console.print(f"not used by {facts.service}: {', '.join(unused)}", soft_wrap=True)
+    _announce_start(context, facts)
     runtime = settings(
-        options, context.folder, pace, record=run.record, qasm=run.qasm, events=run.events
+        description.options,
+        context.folder,
+        description.pace,
+        record=run.record,
+        qasm=run.qasm,
+        events=run.events,
     )
     runtime.places = places
     runtime.watched = run.shown or Pages.of_command() is not None
     with (
-        given_at_the_end(options.keys),
+        given_at_the_end(description.options.keys),
         Network(
             description.build,
             runtime,
@@ -141,23 +140,10 @@ def _running(
             run.packet_bytes,
         ) as network,
     ):
-        if runtime.places:
-            facts.machines = machine_facts(runtime)
-        facts.network = network_facts(network)
-        announce_network(network.runtime, facts)
-        facts.backend = status(network).backend
+        _note_network(context, facts, network)
         if run.classical_mbps is not None:
             for host in description.hosts:
-                slow_metadata(network.host(host), run.classical_mbps, pace.scale)
-        if options.metrics:
-            facts.metrics = urls = announce(runtime.metrics_addresses, context.folder)
-            for program, url in urls.items():
-                console.print(f"metrics of {program}: {url}", soft_wrap=True)
-        if options.gnmi:
-            facts.gnmi = dict(runtime.gnmi_addresses)
-            for switch, address in runtime.gnmi_addresses.items():
-                console.print(f"gNMI of {switch}: {address}", soft_wrap=True)
-        facts.captures = [str(file) for file in network.captured]
+                slow_metadata(network.host(host), run.classical_mbps, description.pace.scale)
         say = partial(console.print, soft_wrap=True)
         with live_view(run.live, context.folder, say, for_all=run.live_for_all):
             try:
@@ -168,6 +154,36 @@ def _running(
                 raise
         note_light(facts, network)
     note_files(facts, network)
+
+
+def _announce_start(context: RunContext, facts: RunResult) -> None:
+    description, console = context.network, context.console
+    options, pace = description.options, description.pace
+    note_pace(facts, pace)
+    console.print(f"starting the network ({options.controller}, seed {options.seed}) ...")
+    if pace.reason:
+        console.print(f"time: {time_text(facts)}", soft_wrap=True)
+    if unused := description.unused_settings:
+        console.print(f"not used by {facts.service}: {', '.join(unused)}", soft_wrap=True)
+
+
+def _note_network(context: RunContext, facts: RunResult, network: Network) -> None:
+    """Add what has started to the facts, and print the addresses of its telemetry."""
+    options, runtime, console = context.network.options, network.runtime, context.console
+    if runtime.places:
+        facts.machines = machine_facts(runtime)
+    facts.network = network_facts(network)
+    announce_network(runtime, facts)
+    facts.backend = status(network).backend
+    if options.metrics:
+        facts.metrics = urls = announce(runtime.metrics_addresses, context.folder)
+        for program, url in urls.items():
+            console.print(f"metrics of {program}: {url}", soft_wrap=True)
+    if options.gnmi:
+        facts.gnmi = dict(runtime.gnmi_addresses)
+        for switch, address in runtime.gnmi_addresses.items():
+            console.print(f"gNMI of {switch}: {address}", soft_wrap=True)
+    facts.captures = [str(file) for file in network.captured]
 
 
 def note_light(facts: RunResult, network: Network, before: StatusReply = NO_LIGHT) -> None:
