@@ -178,7 +178,6 @@ class Processor:
         return qubits
 
     def _array(self, address: int, length: int, values: Iterable[tuple[int, int]]) -> None:
-        """Make an array, with these values at these places."""
         self.do("set", R[0], length)
         self.do("array", R[0], address)
         for place, value in values:

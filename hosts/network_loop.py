@@ -31,7 +31,6 @@ class NetworkLoop(uvloop.Loop):
         self.network_time = network_time
 
     def time(self) -> float:
-        """Return the time of the network."""
         return self.network_time.now_s()
 
     def call_later(
@@ -49,7 +48,6 @@ class NetworkLoop(uvloop.Loop):
         return super().call_later(time.wall_s(delay), callback, *arguments, context=context)
 
     def close(self) -> None:
-        """Close the loop, and its connection to the gate."""
         close_timers(self)
         super().close()
 

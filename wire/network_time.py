@@ -133,7 +133,6 @@ class SteppedTime(NetworkTime):
         return (self.now_ns() - self.since_ns) / 1e9
 
     def stamp_ns(self) -> int:
-        """Return the time of the network."""
         return self.now_ns()
 
     @property

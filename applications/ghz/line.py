@@ -220,7 +220,6 @@ class Leader(ABC):
         return (yield from self.right.make(number, np.ones(size, dtype=bool), lit))
 
     def qubits(self, number: int) -> BlockName:
-        """Return the block of this host's qubits of states."""
         return self.right.block(number)
 
     def _summary(self, elapsed_s: float) -> LineFigures:

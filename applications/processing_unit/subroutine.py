@@ -107,7 +107,6 @@ def register_name(number: int) -> str:
 
 
 def encode_subroutine(subroutine: Subroutine) -> bytes:
-    """Return the bytes of a subroutine."""
     encoded = map(_encode, subroutine.instructions)
     return METADATA.pack(*LANGUAGE, subroutine.application) + b"".join(encoded)
 

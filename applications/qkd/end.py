@@ -236,7 +236,6 @@ class End(ABC):
         return sealed
 
     def _keep(self, sifted: Record, photons: int, clicks: int) -> None:
-        """Keep the sifted photons of a block."""
         self._parts.append(sifted.outcomes)
         self._bases.append(sifted.bases)
         self._clicks += clicks
@@ -260,7 +259,6 @@ class End(ABC):
 
     @property
     def _rule(self) -> Rule:
-        """The rule of disclosure."""
         if self._decoys is None:
             return Rule.SAMPLE
         return Rule.BASIS_AND_SAMPLE if self._relayed else Rule.BASIS

@@ -171,7 +171,6 @@ def use_network(
 
 
 def file_of(request: VpnRequest, folder: Path) -> Path:
-    """Return the file to move."""
     if request.file is not None:
         return request.file.resolve()
     file = folder / "file"

@@ -69,7 +69,6 @@ def _following(slots: Slots, dead_slots: int, train: int, many: bool) -> Positio
 
 
 def marked(slots: Slots, train: int) -> Mask:
-    """Return a mask of these slots of a train."""
     mask = np.zeros(train, dtype=bool)
     mask[slots] = True
     return mask

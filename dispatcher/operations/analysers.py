@@ -195,7 +195,6 @@ class Analysers:
         self._begin(self._measured(node, feedback, report))
 
     async def _measured(self, node: str, feedback: Feedback, report: BellOutcomes) -> None:
-        """Report a measurement when it is over."""
         await over(self._layer, node, feedback)
         self._reports.add(node, report)
 

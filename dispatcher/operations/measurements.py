@@ -149,7 +149,6 @@ class Measurements:
     def _observe(
         self, block: Block, detection: Detection, reported: Bytes, places: "Places"
     ) -> None:
-        """Report clicks to the observer."""
         layer, at = self._layer, np.flatnonzero(detection.bits != NO_CLICK)
         assert layer.observer is not None
         nowhere = np.zeros(reported.size, bool)

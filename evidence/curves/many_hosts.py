@@ -200,7 +200,6 @@ async def _compared(line: Line, pairs: float) -> tuple[Counts, tuple[int, int]]:
 
 
 def _errors(counts: Counts) -> Outcome:
-    """Return the error rates of both tests."""
     in_x, *in_z = (proportion(int(wrong), int(wrong + right)) for wrong, right in counts)
     return {"qber_x": in_x, "qber_z": max(in_z, key=lambda estimate: estimate.value)}
 

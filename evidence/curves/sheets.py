@@ -63,7 +63,6 @@ class Sheet:
         ]
 
     def picture(self, curve: Curve, rows: Sequence[Row]) -> Picture:
-        """Return a curve of the sheet with these points."""
         experiment = EXPERIMENTS[self.experiment]
         measure = experiment.measure(curve.measure)
         return Picture(

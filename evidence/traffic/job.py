@@ -173,7 +173,6 @@ def _drive(
     context: RunContext,
     facts: RunResult,
 ) -> None:
-    """Start the network, drive the traffic, and add to the facts."""
     with running_network(context, facts) as network:
         context.console.print(
             f"{len(planned):,} sessions of {request.service} ({request.traffic}) in "

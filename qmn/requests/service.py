@@ -117,7 +117,6 @@ def parts_of(verb: Verb) -> list[type[Any]]:
 
 
 def has_option(verb: Verb, name: str) -> bool:
-    """Return whether a verb has an option of these classes."""
     return any(each.name == name for part in parts_of(verb) for each in fields(part))
 
 

@@ -66,7 +66,6 @@ def open_files() -> Finding:
 
 
 def kernel() -> Iterator[Finding]:
-    """Features of the kernel."""
     module = "load the kernel module {0} (modprobe {0}), or use a kernel that has it"
     tries = (
         ("network namespaces", FAILS, ["true"], "allow them: in a container CAP_SYS_ADMIN"),

@@ -117,7 +117,6 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
         return {}
 
     def terminate(self) -> None:
-        """End the host's program, then the host."""
         if self.program:
             self.program.stop()
         super().terminate()

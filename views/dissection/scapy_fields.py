@@ -37,7 +37,6 @@ class Framed(Packet):
 
 
 def scapy_field(described: layout.Field) -> Field[Any, Any]:
-    """Return the field of scapy for one at a fixed place."""
     name = _RENAMED.get(described.name, described.name)
     size = described.size
     if described.kind == "ipv4":

@@ -57,7 +57,6 @@ class InnerPort(NamedTuple):
         return f"{switch}-{kind.name.lower()}{self.number}"
 
     def name(self, switch: str) -> str:
-        """Return the name of the port."""
         if self.kind in (Kind.MEMORY, Kind.EMITTER):
             return self.node(switch) + "e" * (self.kind == Kind.EMITTER)
         part = "bell" if self.kind == Kind.ANALYSER else "pair"
