@@ -303,6 +303,7 @@ def test_a_deadline_that_has_passed_shows_a_wrong_leap(gate: Stepping) -> None:
     assert gate.end() == (1, 1)
 
 
+@pytest.mark.timeout(2 * MANY_LEAPS * LEAP_S)
 @pytest.mark.parametrize("most", [LEAPS, pytest.param(MANY_LEAPS, marks=pytest.mark.nightly)])
 def test_no_leap_is_wrong_while_two_processes_exchange_messages(gate: Stepping, most: int) -> None:
     """Each piece of work begins with a message or a deadline, and is counted until it is over."""
