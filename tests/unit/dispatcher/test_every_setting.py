@@ -39,6 +39,7 @@ ELSEWHERE = {  # settings that no single job of hosts feels, and what tries them
         ("switch.memories", "switch.memory", "switch.sources", "switch.source"),
         "of a switch that stores and emits: test_switch_memories.py",
     ),
+    "switch.emitter": "of memories that emit: test_stations.py",
     **dict.fromkeys(
         ("detectors.clock_offset_s", "detectors.clock_skew_ppm", "detectors.clock_jitter_ps"),
         "of time tags: tests/unit/applications/test_time_tags.py",
