@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from limits import SOON_S
 from live_page import live, served
 from live_view_scene import DEADLINE_MS, light, opened
 from live_view_scene import chromium as chromium
@@ -123,9 +124,10 @@ def test_a_page_that_waits_for_a_network_hears_that_its_command_has_ended(
 
 
 def test_a_network_waits_for_a_page_that_is_being_opened(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, said: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One can be over before its page has asked for what happened in it."""
+    """One can be over before its page has asked for what happened in it, here as late as it may."""
+    monkeypatch.setattr("views.live.server.LIVE_LAST_S", SOON_S)
     view = live(tmp_path)
     light(view, 1.0)
     with served(view) as url:
