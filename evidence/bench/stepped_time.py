@@ -10,7 +10,7 @@ import statistics
 import subprocess
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -29,21 +29,27 @@ from wire.network_time import GateClient, SteppedTime
 
 MESSAGE_BYTES = 6_000_000
 ROUNDS = 3
-PROGRAMS, LEAPS = 10, 2_000
-# A program that waits in eight threads, as one with gRPC does.
+LEAPS = {10: 2_000, 1024: 200}  # by the programs
+# Programs that wait in eight threads, as those with gRPC do.
 IDLE = """
-import sys, threading
+import os, sys, threading
+first = os.getpid()
+for _ in range(int(sys.argv[1]) - 1):
+    if not os.fork():
+        break
 for _ in range(7):
     threading.Thread(target=threading.Event().wait, daemon=True).start()
-print(flush=True)
+if os.getpid() == first:
+    print(flush=True)
 sys.stdin.read()
 """
 
 
 def stepped_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
     """Yield name and text of each figure; raise NetworkError if a run fails."""
-    us = leap_us(PROGRAMS, LEAPS)
-    yield f"leap of stepped time, {PROGRAMS} idle programs", f"{us:,.0f} us"
+    for programs, leaps in LEAPS.items():
+        us = leap_us(programs, leaps)
+        yield f"leap of stepped time, {programs:,} idle programs", f"{us:,.0f} us"
     file = folder / "message"
     file.write_bytes(os.urandom(MESSAGE_BYTES))
     shares = []
@@ -72,16 +78,14 @@ def run_s(file: Path, kind: str, run: RunOptions, signals: Signals) -> float:
 
 def leap_us(programs: int, leaps: int) -> float:
     """Return what a leap takes of the wall while a number of programs are idle."""
-    with stepping() as stepped, ExitStack() as idle:
-        for _ in range(programs):
-            command = [python(), "-c", IDLE]
-            program = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-            idle.enter_context(program)
-            idle.callback(program.kill)
-            assert program.stdout is not None
-            program.stdout.readline()
-        client = GateClient(stepped)
-        idle.callback(client.close)
+    command = [python(), "-c", IDLE, str(programs)]
+    with (
+        stepping() as stepped,
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as idle,
+        closing(GateClient(stepped)) as client,
+    ):
+        assert idle.stdout is not None
+        idle.stdout.readline()
         began_s = time.perf_counter()
         for number in range(leaps):
             client.wait_for(number + 1)
