@@ -128,7 +128,11 @@ class Heralding:
         rounds, first = (max(round(each_s * 1e9) // link.period_ns, 1) for each_s in limits_s)
         drawing = Drawing(layer, node, link, names)
         heralded, used = await drawing.draw(count, rounds, first)
-        block = self._keep(node, link, names, offers, heralded) if heralded.count else None
+        block = None
+        if heralded.count:
+            block = self._keep(node, link, names, offers, heralded)
+        else:
+            self._keep_none(node, link, names, offers)
         detail = (
             f"{tally(heralded.bell_states, BELL_STATES)} of {used * link.modes} attempts".strip()
         )
@@ -240,10 +244,24 @@ class Heralding:
             blocks.append(block)
         self._set_states(blocks, heralded)
         for block, offer, path in zip(blocks, offers, link.paths, strict=True):
-            block.heard_ns = self._news_ns(node, path, block.node)
-            layer.memories.store(block, offer.cutoff_s)
-            self._tell(block)
+            self._hold(node, block, offer, path)
         return blocks[0]
+
+    def _keep_none(self, node: str, link: Link, names: Sequence[BlockName], offers: Offers) -> None:
+        """Let memories of switches hold blocks without a pulse, which are swapped in their turn."""
+        layer, now_ns = self._layer, self._layer.clock.now_ns()
+        for name, offer, path in zip(names, offers, link.paths, strict=True):
+            if memory := layer.network.memories.get(offer.end.node):
+                at = offer.end.node, memory.ports[0], now_ns, now_ns
+                block = Block(name, layer.sabot.zeros(1), *at, start_ns=now_ns)
+                block.lineage = layer.ownership.used_names.use(*name[:2])
+                layer.sabot.lose(block.register, np.ones(1, bool))
+                self._hold(node, block, offer, path)
+
+    def _hold(self, node: str, block: Block, offer: Offer, path: StationWay) -> None:
+        block.heard_ns = self._news_ns(node, path, block.node)
+        self._layer.memories.store(block, offer.cutoff_s)
+        self._tell(block)
 
     def _news_ns(self, node: str, path: StationWay, host: str) -> int:
         """Return when a host can hear of what a node has just found: by light, or copper."""

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from test_run_heralded import FIDELITY, KM, M_PER_S, OF_A_LINK, emitters
-from test_run_nodes import require_estimate, result_of
+from test_run_nodes import require_estimate, result_of, run
 
 EMITTER = {"scheme": "two-click", "efficiency": "0.5", "fidelity": str(FIDELITY), "modes": "20"}
 
@@ -44,3 +44,36 @@ def test_switches_with_memories_that_emit_swap_heralded_links(tmp_path: Path, co
     log = (tmp_path / "latest" / "quantum.log").read_text()
     told = {line.split()[1] for line in log.splitlines() if " herald " in line}
     assert told == {f"q{number}-analyser1" for number in range(1, count + 1, 2)}
+
+
+def rarely(detectors: float) -> list[str]:
+    """Return the options of a chain of which the second station's detectors see so little."""
+    words = [*switches(3), "--switch", f"q3.detectors.efficiency={detectors}"]
+    return [*words, "--block-pairs", "20", "--length-km", "5", "--sample", "0", "--count", "3"]
+
+
+def heralds_of_q3(runs: Path) -> tuple[int, int]:
+    """Return how many blocks its station has told of, and of how many no pair."""
+    lines = (runs / "latest" / "quantum.log").read_text().splitlines()
+    told = [line for line in lines if "q3-analyser1 herald " in line]
+    return len(told), sum("photons=" not in line for line in told)
+
+
+def test_a_chain_goes_on_behind_blocks_of_which_a_link_heralds_nothing(tmp_path: Path) -> None:
+    """In a minute of round trips, 20 at once, there is half a pair: none with e^-0.5 = 0.61."""
+    attempts = 20 * 60 / (2 * 5e3 / M_PER_S)
+    passed = 0.5 * 10 ** (-0.2 * 5 / 10)
+    detectors = sqrt(2 * 0.5 / attempts) / passed
+    asking = result_of(tmp_path, "swap", *rarely(detectors))["job"]["asking"]
+    assert asking["pairs"] == 3
+    heralds, empty = heralds_of_q3(tmp_path)
+    assert 0 < empty < heralds
+    assert heralds - empty <= asking["shared"] == asking["emitted"]
+
+
+@pytest.mark.nightly
+def test_a_link_that_never_heralds_ends_the_session_after_ten_blocks(tmp_path: Path) -> None:
+    done = run(tmp_path, "swap", *rarely(1e-12))
+    assert done.returncode == 1
+    assert "no pair of the last 10 blocks of light has arrived at both ends" in done.stderr
+    assert heralds_of_q3(tmp_path) == (10, 10)

@@ -179,9 +179,7 @@ class Blocks:
         return swapped, swapped.outcomes != NO_COINCIDENCE, since_ns
 
     def _take(self, into: BlockName, number: int, swapped: Swapped) -> Steps[None]:
-        """Take what was swapped of a block; there is none if a station has heralded nothing."""
-        if swapped.outcomes.size or not self._is_heralded:
-            yield from take(into, {self._kept(number): swapped.positions})
+        yield from take(into, {self._kept(number): swapped.positions})
 
     def _purify(self, name: BlockName, block: int) -> Steps[None]:
         """Do the rounds of purification before swaps that the controller commands."""

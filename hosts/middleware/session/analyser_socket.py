@@ -216,8 +216,6 @@ class AnalyserSocket:
                     while len(there := self._there(pulses)) < analysers or (
                         self._purified and number not in self._left
                     ):
-                        if len(there) < analysers:
-                            self._require_pairs(there)
                         await self._more()
                     found = {each: self._analysers[each].pop() for each in there}
                     if (left := self._end_rounds(number)) is not None:
@@ -240,15 +238,6 @@ class AnalyserSocket:
         self._over = number
         self._news.set()
         return self._left.pop(number, None)
-
-    def _require_pairs(self, there: Iterable[bytes]) -> None:
-        """Raise SessionError for a link without a pair: nothing behind it can be swapped."""
-        for frame in (self._analysers[each].whole[0].frame for each in there):
-            if frame.end == End.HERALDED and not frame.pulses:
-                text = (
-                    f"no pair in {frame.waited_us:,} attempts at the station of port {frame.port}: "
-                )
-                raise SessionError(Reason.NO_LIGHT, text + "see loss and length of its fibres")
 
     async def _more(self) -> None:
         self._news.clear()

@@ -36,6 +36,7 @@ from wire.analyser_frames import (
 from wire.metadata.decoding import decode
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import MemoryState, Reason, Service
+from wire.outcomes import NO_COINCIDENCE
 from wire.parameters.switch import inner_ports
 
 S1, NOW = 100, 1.0
@@ -219,6 +220,23 @@ def test_memories_attempt_when_the_opener_does_and_swap_when_links_hold() -> Non
     actions = stored(arbiter, 2)
     assert named(actions) == {(2, port) for port in MEMORIES}
     assert hops(actions) == {2: {(61_001, 60_001), (61_002, 60_002)}}
+
+
+def test_a_link_that_heralds_nothing_is_swapped_as_no_pulse_and_the_next_block_follows() -> None:
+    turns = SwapTurns(swaps(1), "parallel")
+    left, right = (SwitchPort(1, port) for port in MEMORIES)
+    measured = partial(AnalyserFrame, 60_001, end=End.MEASURED)
+    herald = partial(AnalyserFrame, 61_001, end=End.STORED)
+    for number, dark in ((1, True), (2, False), (3, True)):
+        held = bytes([NO_COINCIDENCE]) if dark else bytes(2)
+        assert turns.arrived(left, herald(number, pulses=2, outcomes=bytes(2))) == []
+        due = turns.arrived(right, herald(number, pulses=len(held), outcomes=held))
+        named = {each.at: each.frame.outcomes for each in due if isinstance(each, Command)}
+        assert named == {left: bytes(2), right: held}
+        outcomes = b"" if dark else bytes(2)
+        at = SwitchPort(1, 60_001)
+        assert turns.arrived(at, measured(number, pulses=len(outcomes), outcomes=outcomes)) == []
+    assert not turns._pairs  # nothing is kept of blocks that are over
 
 
 def test_switches_swap_in_the_turns_of_the_policy() -> None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from test_published_nodes import BASES, PSI_MINUS, at_the_herald
 
 from dispatcher.refusal import Refusal
-from dispatcher.timeouts import ANALYSER_WAIT_S
+from dispatcher.timeouts import ANALYSER_WAIT_S, FIRST_HERALD_S
 from evidence.laboratory import JumpingClock, Laboratory
 from topologies.catalogue.node_kinds import NV_CENTRE, STATION
 from wire.config import DispatcherConfig, Fiber, FiberEnd
@@ -31,6 +31,7 @@ from wire.dispatcher_pb2 import (
     KeepRequest,
     MeasureRequest,
 )
+from wire.outcomes import NO_COINCIDENCE
 from wire.parameters.physics import BadParameter, BellAnalyser, Device, Emitter, Memory
 from wire.parameters.switch import QuantumSwitch
 
@@ -63,10 +64,11 @@ class PatientClock(JumpingClock):
     def __init__(self) -> None:
         super().__init__()
         self.over = asyncio.Event()
+        self.longest_s = ANALYSER_WAIT_S
 
     async def wait_until(self, time_ns: int) -> None:
         """Return at once, or when the longest waits are over."""
-        if time_ns - self.time_ns >= ANALYSER_WAIT_S * 1e9:
+        if time_ns - self.time_ns >= self.longest_s * 1e9:
             await self.over.wait()
         await super().wait_until(time_ns)
 
@@ -220,6 +222,46 @@ def test_memories_of_a_switch_are_heralded_with_both_ends_and_swap(basis: Any) -
     play(act, device, ends[0], repeater("q2", device), ends[1])
     alike = (1 + ((4 * fidelity - 1) / 3) ** 4) / 2
     assert abs(found[0] / pairs - alike) < 5 * sqrt(alike * (1 - alike) / pairs)
+
+
+def test_a_link_that_heralds_nothing_is_swapped_in_its_turn_as_no_pulse() -> None:
+    device = of_little_light(SINGLE, memory=Memory(capacity=20))
+    detectors = replace(STATION.detectors, efficiency=1e-12, dark_count_hz=0.0)
+    dark = replace(STATION, detectors=detectors)
+
+    async def act(network: Network) -> None:
+        laboratory = network.laboratory
+        await laboratory.connect("q1", {1: FIRST, 2: SECOND})
+        await laboratory.connect("q3", {2: FIRST, 1: SECOND})
+        emitting = {EMITTING_ONE: 1, EMITTING_TWO: 2}
+        await laboratory.connect("q2", emitting)
+        for number in (0, 2):
+            network.clock.longest_s = ANALYSER_WAIT_S
+            await network.attempt("alice", number, 9)
+            for port in (EMITTING_ONE, EMITTING_TWO):
+                await network.emit(port, number, 9)
+            assert (await network.report("q1", BellOutcomes.HERALDED)).photons == 9
+            network.clock.longest_s = FIRST_HERALD_S + 1
+            await network.attempt("bob", number + 1, 9)
+            report = await network.report("q3", BellOutcomes.HERALDED)
+            assert (report.photons, report.attempts > 0) == (0, True)
+            stored = [await network.report("q2", BellOutcomes.STORED) for _memory in range(2)]
+            assert {each.port: each.outcomes for each in stored} == {
+                ONE: bytes(9),
+                TWO: bytes([NO_COINCIDENCE]),
+            }
+            for each in stored:
+                named = KeepRequest(
+                    switch="q2", port=each.port, number=each.number, outcomes=each.outcomes
+                )
+                await laboratory.act("q2", "keep", named)
+            await laboratory.connect("q2", {**emitting, ONE: FIRST, TWO: SECOND})
+            swap = await network.report("q2", BellOutcomes.MEASURED)
+            assert (swap.number, swap.photons) == (1 + number // 2, 0)
+            assert not laboratory.layer.ownership.at_node("q2-memory1")
+            assert not laboratory.layer.ownership.at_node("q2-memory2")
+
+    play(act, device, station("q1"), repeater("q2", device), station("q3", dark))
 
 
 def test_attempts_that_meet_none_or_do_not_fit_end_by_name() -> None:
