@@ -122,7 +122,7 @@ def nested(work: HandedIn) -> Iterator[Part]:
     ratio = waits[0] / waits[1] if waits[1] else float("inf")
     answer = math.isfinite(ratio) and near(work.number("waited_ratio"), ratio, 0.02)
     yield Part(answer, "waited_ratio: how many times as long, by your runs")
-    yield Part(work.answers.get("last_repeater") == "r2", "last_repeater: who swaps last, of three")
+    yield Part(work.answers.get("last_repeater") == "q2", "last_repeater: who swaps last, of three")
 
 
 def any_cut(work: HandedIn) -> Iterator[Part]:

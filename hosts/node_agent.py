@@ -15,7 +15,6 @@ from typing import cast
 from hosts.hardware.ports import link_changes, take_notices
 from hosts.middleware.device import Device, changed
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.swap_orders import Swaps
 from hosts.network_loop import background_timeout
 from hosts.serving.ordered_seals import OrderedSeals
 from hosts.timeouts import (
@@ -34,7 +33,6 @@ from wire.device import (
     SessionQuery,
     SetDevice,
     Subscribe,
-    SwapOrder,
     open_sealed,
 )
 from wire.malformed import MalformedPacket
@@ -55,7 +53,6 @@ class NodeAgent(asyncio.DatagramProtocol):
         self,
         config: HostConfig,
         device: Device,
-        swaps: Swaps,
         seals: OrderedSeals,
         takes_part: Callable[[int], bool],
     ) -> None:
@@ -63,7 +60,7 @@ class NodeAgent(asyncio.DatagramProtocol):
         self._background_s = config.time.background_s
         self._key = config.device_key
         self._report_to = config.report_to
-        self._device, self._swaps, self._seals = device, swaps, seals
+        self._device, self._seals = device, seals
         self._takes_part = takes_part
         self._heard = 0  # number of the last datagram that was taken
         self._number = 0
@@ -93,9 +90,6 @@ class NodeAgent(asyncio.DatagramProtocol):
             self._device.subscription = message
             self.found.set()
             self._report(message.session)
-        elif isinstance(message, SwapOrder):
-            self._swaps.take(message)
-            self._send(Answer(message.session, Reason.OK))
         elif isinstance(message, SealOrder):
             self._send(self._seals.take(message))
         elif isinstance(message, GiveBack):
@@ -205,13 +199,12 @@ class NodeAgent(asyncio.DatagramProtocol):
 async def start_node_agent(
     config: HostConfig,
     device: Device,
-    swaps: Swaps,
     seals: OrderedSeals,
     takes_part: Callable[[int], bool],
 ) -> NodeAgent:
     """Open the port; raise OSError if it is taken. The host says in which sessions it is."""
     _transport, agent = await asyncio.get_running_loop().create_datagram_endpoint(
-        lambda: NodeAgent(config, device, swaps, seals, takes_part), sock=agent_port(config.address)
+        lambda: NodeAgent(config, device, seals, takes_part), sock=agent_port(config.address)
     )
     return agent
 

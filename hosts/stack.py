@@ -18,7 +18,6 @@ from hosts.hardware.replies import HardwareError
 from hosts.middleware.device import Device
 from hosts.middleware.services import kinds, named
 from hosts.middleware.services.source import check_source, make_pairs
-from hosts.middleware.services.swapping.connections import serve_link
 from hosts.middleware.session.arrangement import Arrangement, Light
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.ends import ConnectionEnd
@@ -28,7 +27,6 @@ from hosts.middleware.session.node_features import refusal
 from hosts.middleware.session.offers import check_wavelength
 from hosts.middleware.session.options import SessionOptions
 from hosts.middleware.session.session import AcceptingSession, OpeningSession, require_source
-from hosts.middleware.session.swap_orders import Swaps
 from hosts.middleware.session.values import Lifetimes
 from hosts.serving.active_sessions import ActiveSessions, Verdicts
 from hosts.serving.applications_port import ApplicationsPort
@@ -67,7 +65,6 @@ class Stack:
         self._accepting: dict[int, AcceptingSession] = {}
         self._verdicts = Verdicts(config.device_key, config.light == STANDING)
         self._light = Light()
-        self.swaps = Swaps(config.address)
         self._resources = HostResources(
             config.name,
             config.seed,
@@ -75,7 +72,6 @@ class Stack:
             config.analyser,
             config.pair_secrets,
             config.keys,
-            self.swaps,
             config.node_features,
             config.multi_photon,
             tuple(config.intensities),
@@ -84,7 +80,7 @@ class Stack:
             config.channels_mhz,
         )
         self._cut_off(None)
-        self.active_sessions = ActiveSessions(self.swaps.opens)
+        self.active_sessions = ActiveSessions()
         self.device = Device(lambda: read_ports(config.qnics), cut_off=self._cut_off)
         self.applications = ApplicationsPort(
             self.request, qnic.watch, self.intercept, self._opening
@@ -131,11 +127,8 @@ class Stack:
     def _heralded(self, setup: Setup, source: str) -> Setup:
         """Have pairs heralded where this host's memory emits and the source is a station."""
         features = self._resources.node_features.features
-        emits = HERALD in features
-        stations = self._config.stations
-        # Of a chain the controller chooses them.
-        stands = bool(stations) if setup.service == Service.SWAP else source in stations
-        if setup.service == Service.SWITCH_SWAP:
+        emits, stands = HERALD in features, source in self._config.stations
+        if setup.service == Service.SWAP:
             stands = is_heralded(features)
         if emits and stands and setup.service in HERALDED_LIGHT:
             return replace(setup, memory=MemoryState.HERALDED)
@@ -147,7 +140,7 @@ class Stack:
         return interception(self._config, lambda pm: resources.at(pm).qnic, fields)
 
     def takes_part(self, session: int) -> bool:
-        return session in self.active_sessions.sessions or self.swaps.opens(session)
+        return session in self.active_sessions.sessions
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         channel = MetadataChannel(reader, writer)
@@ -170,8 +163,6 @@ class Stack:
             raise self._refusal(setup, channel.connection[0])
         if setup.service == Service.PAIR_SOURCE:
             return self._emit_pairs
-        if setup.service == Service.LINK:
-            return self._link
         kind = KINDS.get(Service(setup.service))
         if kind is None:
             text = f"this host does not offer {Service(setup.service).name}"
@@ -184,11 +175,7 @@ class Stack:
             by_address = {address: name for name, address in self._config.hosts.items()}
             ends = f"from {by_address.get(opener, opener)} to {self._config.name}"
             return SessionError(Reason(setup.reason), f"no light path {ends}: {setup.obstacle}")
-        if setup.reason != Reason.NODE_SILENT:
-            return refusal(setup, self._config.hosts)
-        names = {address: f"{name} ({address})" for name, address in self._config.hosts.items()}
-        text = f"{names.get(setup.source, setup.source)} has not answered the controller's order"
-        return SessionError(Reason.NODE_SILENT, f"{text} for its chain; is its stack running?")
+        return refusal(setup, self._config.hosts)
 
     def _engaged(
         self, setup: Setup, channel: MetadataChannel, role: Role
@@ -253,10 +240,6 @@ class Stack:
         if session is None:
             raise SessionError(Reason.UNKNOWN_SESSION)
         await session.join(channel, setup)
-
-    async def _link(self, channel: MetadataChannel, setup: Setup) -> None:
-        with self._engaged(setup, channel, Role.ACCEPTOR), self.device.serves(setup):
-            await serve_link(self._resources, channel, setup)
 
     def _source_of(self, options: SessionOptions) -> str:
         """Return the host that makes the pairs of a session: the one asked for, or everybody's."""

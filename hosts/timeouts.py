@@ -33,15 +33,13 @@ ANALYSER_TIMEOUT_S = (
 DARK_LIMIT_S = 10.0  # without a single pair; the last few symbols of a message are small blocks
 PAIR_TIMEOUT_S = 30.0  # until a pair with a handshake of its own is over
 
-# Light paths and chains of repeaters
+# Light paths, and lines of hosts
 DISCOVERY_TIMEOUT_S = 3.0  # until the controller has seen all fibres
 FREEING_TIMEOUT_S = 1.0  # until the controller has heard that a session is over
 RETRY_PAUSE_S = 0.1  # by the wall: between the first two requests for a light path, at most
 LONGEST_RETRY_PAUSE_S = 0.8  # by the wall: between two later ones
-ORDER_TIMEOUT_S = 5.0  # until the controller's order for a chain is here
-LINK_TIMEOUT_S = 60.0  # until all links of a chain are open, each of which waits for the next one
-BITS_TIMEOUT_S = 30.0  # until swaps are reported: they may pass many nodes over a slow network
-UNUSED_S = LINK_TIMEOUT_S + 30.0  # an order that nobody has asked for so long is of one that broke
+BITS_TIMEOUT_S = 30.0  # until outcomes are reported: they may pass many nodes over a slow network
+UNUSED_S = 90.0  # an order that nobody has asked for so long is of a session that broke
 
 # Until the dispatcher answers an order, which may wait for light as long as above; by the wall
 # what waits for none: a challenge, and a look.

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 
 TOPOLOGIES = ("sdc", "chain", "ring", "leaf-spine", "repeaters", "tree", "tapped", "map")
-USUAL = {"swap": "repeaters", "load": "ring"}  # topologies of jobs; of others sdc
+USUAL = {"swap": "chain", "load": "ring"}  # topologies of jobs; of others sdc
 CHANGES = ("link", "fault", "tap", "classical", "calibrate", "policy")
 EXPERIMENTS = ("demo", "curves", "sweep", "attack", "bench")
 # First words of a command line, and what they are now.
@@ -47,17 +47,28 @@ def translated(words: Sequence[str]) -> list[str]:
         if tuple(words[: len(old)]) == old and not _has_kind(words):
             today[: len(old)] = new
     if today[:2] == ["run", "switch_swap"]:
-        named = any(word.partition("=")[0] == "--topology" for word in today)
-        today = ["run", "swap", *today[2:], *([] if named else ["--topology", "chain"])]
+        today[1] = "swap"
     if today[:1] and today[0] in WITH_NETWORK:
         today = _with_pace([new for word in today for new in OPTIONS.get(word, (word,))])
         today = _with_parameters(today)
+    if today[:2] == ["run", "swap"]:
+        today = [_of_switches(word) for word in today]
     if today != [*words]:
         print(
             f"note: these words are old; the new ones: {shlex.join(['qmn', *today])}",
             file=sys.stderr,
         )
     return today
+
+
+def _of_switches(word: str) -> str:
+    """Return a chain of as many switches for the topology of hosts that were repeaters."""
+    flag, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
+    name, *parameters = value.split(",")
+    if name != "repeaters" and not any(each.startswith("repeaters=") for each in parameters):
+        return word
+    parameters = [each.replace("repeaters=", "switches=") for each in parameters]
+    return f"{flag}{equals}{','.join(['chain', *parameters])}"
 
 
 def _has_kind(words: Sequence[str]) -> bool:

@@ -1,13 +1,13 @@
 """A network on a map (s1, ed and copper as in sdc.py): at each place a quantum switch and a host.
 
-  seattle            chicago          place     host, one or two fibres to its switch
+  seattle            chicago          place     host, two fibres to its switch
      ||                 ||            q1, q2    switches, two fibres for each way of the map
      q1 =============== q2 == src     src       the pair source, at the centre
 
 sudo PYTHONPATH=. mn --custom topologies/mapped.py --topo map,map=abilene
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -28,7 +28,7 @@ SOURCE = "src"
 
 
 class MapTopo(FabricTopo):
-    """Hosts, pair sources and repeaters where they are wanted; lengths as the map has them."""
+    """Hosts and pair sources where they are wanted; lengths as the map has them."""
 
     def build(
         self,
@@ -36,15 +36,13 @@ class MapTopo(FabricTopo):
         fibers: int = 2,
         hosts_at: str = "",
         sources_at: str = "",
-        repeaters_at: str = "",
         **fiber: Any,
     ) -> None:
         """Lay copper and fibre; raise BadMap, or ValueError for lengths, which the map says.
 
-        `hosts_at`, `sources_at` and `repeaters_at` are places, with commas. Without, each place
-        has a host, the place from which the farthest is nearest has the pair source, and every
-        host can be a repeater; with `repeaters_at` only those there have gates between qubits.
-        Each host has its pairs from the nearest source.
+        `hosts_at` and `sources_at` are places, with commas. Without, each place has a host, and the
+        place from which the farthest is nearest has the pair source. Each host has its pairs from
+        the nearest source.
         """
         if "length_km" in fiber:
             raise ValueError(
@@ -68,11 +66,8 @@ class MapTopo(FabricTopo):
             self.join(switches[way.one], switches[way.other], int(fibers), **own)
             for one, other in ((way.one, way.other), (way.other, way.one)):
                 ways[one][other] = min(way.length_km, ways[one].get(other, way.length_km))
-        repeaters = {place.name for place in chosen(read, repeaters_at)}
-        sources = self._add_sources(
-            read, chosen(read, sources_at), ways, switches, can_repeat=not repeaters
-        )
-        self._add_hosts(places, sources, ways, switches, repeaters)
+        sources = self._add_sources(read, chosen(read, sources_at), ways, switches)
+        self._add_hosts(places, sources, ways, switches)
         self.positions = positions_of(read, switches, sources)
 
     def _add_sources(
@@ -81,17 +76,13 @@ class MapTopo(FabricTopo):
         places: Sequence[Place],
         ways: Distances,
         switches: dict[str, str],
-        can_repeat: bool,
     ) -> dict[str, str]:
         """Add a pair source at each of these places, or at the centre; return which is where."""
         at = [place.name for place in places]
         at = at or [str(centre(ways, [place.name for place in read.places]))]
         found = {place: f"{SOURCE}{n if len(at) > 1 else ''}" for n, place in enumerate(at, 1)}
         for place, name in found.items():
-            device = self.device_of(name)
-            if not can_repeat:
-                device = replace(device, memory=replace(device.memory, capacity=0))
-            self.add_host(name, self.next_address(), source=True, device=device)
+            self.add_host(name, self.next_address(), source=True)
             self.join(name, switches[place], HOST_FIBERS)
         return found
 
@@ -101,16 +92,13 @@ class MapTopo(FabricTopo):
         sources: dict[str, str],
         ways: Distances,
         switches: dict[str, str],
-        repeaters: Collection[str],
     ) -> None:
-        """Add a host at each place; if some are repeaters, the others get one fibre."""
         for place in places:
             away = shortest(ways, place.name)
             nearest = min(sources, key=lambda source: away[source])
             name = place.name
             self.add_host(name, self.next_address(), pairs_from=sources[nearest])
-            one_fiber = repeaters and name not in repeaters
-            self.join(name, switches[name], 1 if one_fiber else HOST_FIBERS)
+            self.join(name, switches[name], HOST_FIBERS)
 
 
 def waiting_for_the_other_half(device: Device) -> Device:

@@ -7,8 +7,7 @@
 controller                       node agent, UDP port DEVICE_PORT
 DeviceQuery, Subscribe, SetDevice ->
                               <-  DeviceReport: asked for, or on its own (session 0)
-SwapOrder, SealOrder, GiveBack,
-SessionQuery                      ->
+SealOrder, GiveBack, SessionQuery ->
                               <-  Answer to SetDevice, to orders and to SessionQuery
                               <-  SessionEstimate, on its own (wire.monitor_messages)
 
@@ -25,7 +24,6 @@ import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cache
-from ipaddress import IPv4Address
 from typing import ClassVar
 
 from wire.malformed import MalformedPacket
@@ -58,10 +56,8 @@ TRAILER = struct.Struct("!32sQ")
 TAG_BYTES = 16
 UNSET = 0xFFFFFFFF
 PORT = struct.Struct("!15s?")
-MAX_REPEATERS = 64  # in one chain
 MAX_LEVEL_ROUNDS = 8  # of purification, of each span
 MAX_UNDER_WAY = 4  # blocks of one chain, at once
-NOBODY = str(IPv4Address(0))  # no host's address
 
 
 @dataclass(frozen=True)
@@ -228,96 +224,6 @@ class DeviceReport(Message):
 
 
 @dataclass(frozen=True)
-class SwapOrder(Message):
-    """Tell a node of a chain of repeaters what it does in a session of swapping.
-
-    The link that comes to place k has session chain + k, the one that leaves it the next.
-    """
-
-    KIND = 36
-    FIELDS = struct.Struct("!QB4sBB4sBBBBBBB")
-
-    chain: int  # the session that the opener has asked for
-    place: int  # in the chain: the opener's is 0, the first repeater's 1
-    right: str = NOBODY  # IPv4 address of the next node; NOBODY at the acceptor
-    left_fiber: int = 0  # of this node, counted from 0: by which the link from the left comes
-    right_fiber: int = 0  # by which the link to the right leaves
-    station: str = NOBODY  # IPv4 address of what heralds the link to the right; NOBODY: nothing
-    # Pairs are purified before they are swapped: by this protocol (1 BBPSSW, 2 DEJMPS) so often, of
-    # each of the spans that end here, on either side; 0 rounds: not at all.
-    protocol: int = 0
-    rounds: int = 0
-    spans_left: int = 0
-    spans_right: int = 0
-    # Messages of others that pass here when it has swapped; at the last node, how many
-    # swaps it hears of in the end.
-    to_right: int = 0
-    to_left: int = 0
-    blocks: int = 1  # that may be under way at once: they fit into every memory of the chain
-
-    @property
-    def last(self) -> bool:
-        return self.right == NOBODY
-
-    def seed(self, block: int) -> int:
-        """Return what the twirls of a block are drawn by; the same order, the same draws."""
-        return (self.chain * 31 + self.place * 17 + block) % (1 << 32)
-
-    @property
-    def repeats(self) -> bool:
-        return self.place > 0 and not self.last
-
-    @property
-    def incoming(self) -> int:
-        return (self.chain + self.place) % (1 << 64)
-
-    @property
-    def outgoing(self) -> int:
-        return (self.incoming + 1) % (1 << 64)
-
-    def encode(self) -> bytes:
-        hosts = {name: IPv4Address(getattr(self, name)).packed for name in ("right", "station")}
-        _session, *fields = {**vars(self), **hosts}.values()
-        return self._frame(self.FIELDS.pack(*fields))
-
-    @classmethod
-    def parse(cls, session: int, body: bytes) -> "SwapOrder":
-        raw = super().parse(session, body)
-        assert isinstance(raw, SwapOrder)
-        right, station = (str(IPv4Address(address)) for address in (raw.right, raw.station))
-        order = replace(raw, right=right, station=station)
-        least, most = (1, MAX_REPEATERS + 1) if order.last else (0, MAX_REPEATERS)
-        if not least <= order.place <= most:
-            raise MalformedPacket(f"SwapOrder: place {order.place} before {order.right}")
-        if order.repeats and order.left_fiber == order.right_fiber:
-            text = f"place {order.place} repeats light from fibre {order.left_fiber} into the same"
-            raise MalformedPacket(f"SwapOrder: {text}")
-        if order.station != NOBODY and (order.last or order.station == order.right):
-            text = f"station {order.station} of a link from place {order.place} to {order.right}"
-            raise MalformedPacket(f"SwapOrder: {text}")
-        if not 0 < order.blocks <= MAX_UNDER_WAY:
-            raise MalformedPacket(f"SwapOrder: {order.blocks} blocks at once")
-        order._check_purification()
-        return order
-
-    def _check_purification(self) -> None:
-        """Raise MalformedPacket for a plan that cannot be."""
-        plan = self.spans_left, self.spans_right, self.to_right, self.to_left
-        if not self.rounds and not self.protocol:
-            fits = not any(plan)
-        else:
-            left, right = self.place > 0, not self.last
-            ends = bool(self.spans_left) == left and bool(self.spans_right) == right
-            passing = self.repeats or (not self.to_left and bool(self.to_right) == self.last)
-            fits = (
-                self.protocol in (1, 2) and 0 < self.rounds <= MAX_LEVEL_ROUNDS and ends and passing
-            )
-        if not fits:
-            text = f"{self.rounds} rounds of protocol {self.protocol} with the spans {plan}"
-            raise MalformedPacket(f"SwapOrder: place {self.place} purifies {text}")
-
-
-@dataclass(frozen=True)
 class SessionQuery(Message):
     """Ask whether a host takes part in a session: OK, or UNKNOWN_SESSION."""
 
@@ -332,7 +238,6 @@ OWN = (
     Subscribe,
     SetDevice,
     DeviceReport,
-    SwapOrder,
     SealOrder,
     GiveBack,
     SessionQuery,

@@ -22,10 +22,9 @@ class Role(Enum):
     OPENER = "opener"
     ACCEPTOR = "acceptor"
     SOURCE = "source"
-    REPEATER = "repeater"  # between them, chosen by the controller; it has no place in LIGHT
 
 
-OPENER, ACCEPTOR, SOURCE, REPEATER = Role
+OPENER, ACCEPTOR, SOURCE = Role
 
 
 class FiberOf(NamedTuple):

@@ -15,7 +15,6 @@ from wire.light import (
     ACCEPTOR,
     OPENER,
     PAIRS,
-    REPEATER,
     SOURCE,
     TO_NEXT,
     Beam,
@@ -45,9 +44,7 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
             Beam(FiberOf(SOURCE, 1), FiberOf(ACCEPTOR, 0)),
         ),
         Service.DISTRIBUTE: PAIRS,
-        Service.SWAP: (),  # its links have it
-        Service.SWITCH_SWAP: (),  # who programs the switch, opens it
-        Service.LINK: TO_NEXT,
+        Service.SWAP: (),  # who programs the switches, opens it
         # Its pairs come by the light of the session that it goes back on: either half of them
         # is at hand at either host, and who sends passes its own on.
         Service.SDC_RETURN: (Beam(FiberOf(OPENER, 0), FiberOf(ACCEPTOR, 1)),),
@@ -78,12 +75,7 @@ HERALDED_LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
             Beam(FiberOf(OPENER, 0), FiberOf(SOURCE, 0)),
             Beam(FiberOf(ACCEPTOR, 0), FiberOf(SOURCE, 1)),
         ),
-        Service.SWAP: (),  # its links have it
-        Service.SWITCH_SWAP: (),  # stations in switches
-        Service.LINK: (
-            Beam(FiberOf(OPENER, -1), FiberOf(SOURCE, 0)),
-            Beam(FiberOf(ACCEPTOR, 0), FiberOf(SOURCE, 1)),
-        ),
+        Service.SWAP: (),  # stations in switches
     }
 )
 # Hosts report further needs of a session: MEASURE to estimate, GATE to purify.
@@ -92,13 +84,7 @@ NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
         Service.SDC: {SOURCE: EMIT, ACCEPTOR: MEASURE},
         Service.SDC_RETURN: {SOURCE: EMIT, ACCEPTOR: MEASURE},
         Service.DISTRIBUTE: {SOURCE: EMIT, OPENER: ABSORB | STORE, ACCEPTOR: ABSORB | STORE},
-        Service.SWAP: {
-            OPENER: EMIT | STORE,
-            ACCEPTOR: ABSORB | STORE,
-            REPEATER: ABSORB | EMIT | STORE | MEASURE,
-        },
-        Service.LINK: {OPENER: EMIT | STORE, ACCEPTOR: ABSORB | STORE},
-        Service.SWITCH_SWAP: {OPENER: EMIT | STORE, ACCEPTOR: EMIT | STORE},
+        Service.SWAP: {OPENER: EMIT | STORE, ACCEPTOR: EMIT | STORE},
         **{service: each.needs for service, each in REGISTERED.items()},
     }
 )
@@ -109,17 +95,7 @@ HERALDED_NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
             OPENER: HERALD | STORE,
             ACCEPTOR: HERALD | STORE,
         },
-        Service.SWAP: {
-            OPENER: HERALD | STORE,
-            ACCEPTOR: HERALD | STORE,
-            REPEATER: HERALD | STORE | MEASURE,
-        },
-        Service.SWITCH_SWAP: {OPENER: HERALD | STORE, ACCEPTOR: HERALD | STORE},
-        Service.LINK: {
-            SOURCE: INTERFERE,
-            OPENER: HERALD | STORE,
-            ACCEPTOR: HERALD | STORE,
-        },
+        Service.SWAP: {OPENER: HERALD | STORE, ACCEPTOR: HERALD | STORE},
     }
 )
 

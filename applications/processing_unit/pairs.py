@@ -4,7 +4,6 @@ creator's unit                                     receiver's unit
 PairRequest ------------------------------------->  waits until its application wants some
    <----------------------- READY, port, how many now
 session of `distribute`, to that port <---------->  light, as the controller grants it
-(or of `swap`, where repeaters are between them)
 both take the pairs out of the session, which ends then
 PairsMade ----------------------------------------> how long their light has lasted
 the creator requests the pairs that are left
@@ -49,7 +48,7 @@ from wire.metadata.vocabulary import Reason
 
 log = logging.getLogger("pairs")
 
-SERVICES = DIRECT, SWAPPED = "distribute", "swap"
+SERVICE = "distribute"
 BLOCK_PAIRS = 16_384
 FIRST_PORT, LAST_PORT = 49_152, 65_535  # of sessions with pairs
 MOST_WAITING = 64  # units that want something of this one, at a time
@@ -130,7 +129,6 @@ class PairMaking:
         self._changed = asyncio.Condition()
         self._ports = count()
         self._waiting = 0
-        self._ways: dict[str, str] = {}  # services by node, of those that light does not reach
 
     async def create(self, request: PairRequest, remote: str, qubits: Qubits) -> Made:
         """Return this end's halves of new pairs with a node, as many as that wants now.
@@ -143,7 +141,7 @@ class PairMaking:
             pauses = growing_pauses(f"{self.node} {remote} {port}")
             while True:
                 try:
-                    made = await self._distribute(request, remote, port, qubits)
+                    made = await self._make(request, remote, port, qubits)
                     agreement.report(made.light_us)
                     return made
                 except SessionError as error:
@@ -242,30 +240,15 @@ class PairMaking:
             return await self._take(session, RECEIVER, pairs, wanted.qubits)
 
         arriving = Arriving(request.creator, take)
-        with self._sessions.expecting(port, SERVICES, arriving):
+        with self._sessions.expecting(port, (SERVICE,), arriving):
             writer.write(PairAnswer(Verdict.READY, port, pairs).encode())
             return await arriving.blocks
 
-    async def _distribute(
-        self, request: PairRequest, remote: str, port: int, qubits: Qubits
-    ) -> Made:
-        """Have pairs made, by repeaters where no light goes there; take this end's halves."""
-        try:
-            return await self._make(self._ways.get(remote, DIRECT), request, remote, port, qubits)
-        except SessionError as error:
-            if error.reason != Reason.NO_PATH or remote in self._ways:
-                raise
-        made = await self._make(SWAPPED, request, remote, port, qubits)
-        self._ways[remote] = SWAPPED
-        return made
-
-    async def _make(
-        self, service: str, request: PairRequest, remote: str, port: int, qubits: Qubits
-    ) -> Made:
-        """Have pairs made by a service, and take this end's halves."""
+    async def _make(self, request: PairRequest, remote: str, port: int, qubits: Qubits) -> Made:
+        """Have pairs made, and take this end's halves."""
         ends = self.node, remote
         fields = {
-            "service": service,
+            "service": SERVICE,
             "host": remote,
             "port": port,
             "count": request.pairs,

@@ -24,7 +24,6 @@ from controller_apps.apps.host_orders import (
     EventNodeAnswered,
     EventOrder,
     EventSessionReported,
-    EventSwapsOrdered,
     HostOrders,
     session_of,
 )
@@ -51,7 +50,6 @@ from controller_apps.policy.policy import Policy
 from controller_apps.policy.reading import BadPolicy, read_policy
 from controller_apps.record import PortLines, Record
 from controller_apps.sessions.actions import HostOrder
-from controller_apps.sessions.chains import orders
 from controller_apps.timeouts import DEVICE_TICK_S, SET_TIMEOUT_S
 from wire.config import ControllerConfig
 from wire.device import (
@@ -263,16 +261,6 @@ class DeviceMonitor(App):
         if report.answer is None:  # a report shows what is still to be set
             for message in self.hosts.due(host):
                 self._send(host, message(self._next_number()))
-
-    @on(EventSwapsOrdered)
-    def swaps_ordered(self, event: Any) -> None:
-        """Tell the nodes of a chain of repeaters what they do, until they have understood."""
-        now, ordered = self._now(), event.ordered
-        for node, order in orders(ordered, self._next_number()).items():
-            self._orders.add(node, order, now)
-        self._send_orders()
-        facts = {"nodes": [stop.address for stop in ordered.chain], "schedule": ordered.schedule}
-        self.record.write("chain", session=f"{ordered.session:016x}", **facts)
 
     @on(EventOrder)
     def ordered(self, event: Any) -> None:

@@ -1,25 +1,15 @@
-"""Orders to hosts, for chains of repeaters and link monitors: sent until answered."""
+"""Orders to hosts about link monitors, and questions about sessions: sent until answered."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from controller_apps.devices.hosts_state import Place
 from controller_apps.openflow.framework import Event
-from controller_apps.sessions.actions import HostOrder, Order, SwapsOrdered
+from controller_apps.sessions.actions import HostOrder, Order
 from controller_apps.timeouts import NODE_TIMEOUT_S
-from wire.device import DeviceReport, SessionQuery, SwapOrder
+from wire.device import DeviceReport, SessionQuery
 from wire.metadata.vocabulary import Reason
 from wire.monitor_messages import SessionEstimate
-
-AnyOrder = SwapOrder | HostOrder
-
-
-class EventSwapsOrdered(Event):
-    """A chain has been chosen."""
-
-    def __init__(self, ordered: SwapsOrdered) -> None:
-        super().__init__()
-        self.ordered = ordered
 
 
 class EventOrder(Event):
@@ -29,7 +19,7 @@ class EventOrder(Event):
 
 
 class EventNodeAnswered(Event):
-    """A host has answered its order for a chain, or for a seal."""
+    """A host has answered its order for a seal."""
 
     def __init__(self, session: int, node: str, reason: Reason) -> None:
         super().__init__()
@@ -66,27 +56,25 @@ class EventEstimate(Event):
 class HostOrders:
     """The orders that no node has answered yet, by the node's address and number."""
 
-    _waiting: dict[tuple[str, int], tuple[AnyOrder, float]] = field(default_factory=dict)
+    _waiting: dict[tuple[str, int], tuple[HostOrder, float]] = field(default_factory=dict)
 
-    def add(self, node: str, order: AnyOrder, now: float) -> None:
+    def add(self, node: str, order: HostOrder, now: float) -> None:
         self._waiting[node, order.session] = order, now + NODE_TIMEOUT_S
 
-    def answered(self, node: str, number: int) -> AnyOrder | None:
+    def answered(self, node: str, number: int) -> HostOrder | None:
         """Send it no more; return which one it was, None if it was not one."""
         order, _until = self._waiting.pop((node, number), (None, 0.0))
         return order
 
-    def due(self) -> Iterator[tuple[str, AnyOrder]]:
+    def due(self) -> Iterator[tuple[str, HostOrder]]:
         for (node, _number), (order, _until) in list(self._waiting.items()):
             yield node, order
 
-    def give_up(self, now: float) -> list[tuple[str, AnyOrder]]:
+    def give_up(self, now: float) -> list[tuple[str, HostOrder]]:
         """Drop and return what has not been answered in time."""
         late = [key for key, (_order, until) in self._waiting.items() if until <= now]
         return [(node, self._waiting.pop((node, number))[0]) for node, number in late]
 
 
-def session_of(order: AnyOrder) -> int:
-    if isinstance(order, SwapOrder):
-        return order.chain
+def session_of(order: HostOrder) -> int:
     return order.about if isinstance(order, SessionQuery) else order.seal

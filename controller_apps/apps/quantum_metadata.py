@@ -18,7 +18,6 @@ from controller_apps.apps.host_orders import (
     EventNodeAnswered,
     EventOrder,
     EventSessionReported,
-    EventSwapsOrdered,
 )
 from controller_apps.apps.journal import Journal
 from controller_apps.apps.ticks import Instants, Ticks
@@ -60,7 +59,6 @@ from controller_apps.sessions.actions import (
     Keep,
     Note,
     Order,
-    SwapsOrdered,
 )
 from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.arbiter import Arbiter
@@ -187,7 +185,6 @@ class QuantumMetadata(App):
             Drop: self.journal.drop,
             Keep: self._keep,
             Forget: lambda action: self.state.forget_session(action.session),
-            SwapsOrdered: lambda action: self._tell_monitor(EventSwapsOrdered(action)),
             Order: lambda action: self._tell_monitor(EventOrder(action)),
         }
 
@@ -380,10 +377,9 @@ class QuantumMetadata(App):
 
     @on(EventNodeAnswered)
     def node_answered(self, event: EventNodeAnswered) -> None:
-        """Report the answer of a chain's node, or of a link monitor's host, to an order."""
-        session, node, reason, now = event.session, event.node, event.reason, self._now()
-        self._do(self.arbiter.node_answered(session, node, reason, now))
-        self._do(self.idle.node_answered(session, node, reason, now))
+        """Report the answer of a link monitor's host to an order."""
+        session, node, reason = event.session, event.node, event.reason
+        self._do(self.idle.node_answered(session, node, reason, self._now()))
 
     @on(EventSessionReported)
     def session_reported(self, event: EventSessionReported) -> None:

@@ -1,1 +1,1 @@
-"""The policy: permissions of sessions, settings of hosts, schedules of repeaters."""
+"""The policy: permissions of sessions, settings of hosts, schedules of swaps."""

@@ -106,7 +106,6 @@ from wire.device import (
     check_settings,
     setting_number,
 )
-from wire.metadata.vocabulary import Service
 from wire.parameters.checks import check_choice, check_names, check_number, remedy
 from wire.registered import Registry
 from wire.services import LIGHT, RETURNS
@@ -117,9 +116,8 @@ POLICIES = Registry(
     "qmn.policies", lambda each: isinstance(each, Path), {"deny": SHIPPED / "deny.toml"}
 )
 ACTIONS = ("allow", "deny")
-# A link belongs to a swap, and is allowed with it; a return is allowed as what it is a return of.
-PARTS = (Service.LINK, *RETURNS)
-SERVICES = ("*", *(service.name.lower() for service in LIGHT if service not in PARTS))
+# A return is allowed as what it is a return of.
+SERVICES = ("*", *(service.name.lower() for service in LIGHT if service not in RETURNS))
 LIMITS = {
     "max_sessions": (1, 4096),
     "max_rate_hz": (1, 4_000_000_000),

@@ -114,32 +114,22 @@ class Span:
     left: int
     right: int
 
-    def passes(self, place: int) -> bool:
-        return self.left < place < self.right
 
-
-def spans(name: str, repeaters: int) -> tuple[list[Span], list[tuple[int, Span]]]:
-    """Return the spans that are purified, shorter ones first; and what each swap makes, by place.
+def spans(name: str, repeaters: int) -> list[Span]:
+    """Return the spans that are purified, shorter ones first.
 
     Those are the links, and what swaps make of them but for the last one, which the ends of the
-    chain purify themselves. Where nobody waits for others, they are the links alone, and what swaps
-    tell goes all the way to the right end.
+    chain purify themselves. Where nobody waits for others, they are the links alone.
     """
-    turns = schedule(name, repeaters)
     left = {place: place - 1 for place in range(1, repeaters + 2)}
     right = {place: place + 1 for place in range(repeaters + 1)}
     purified = [Span(place, place + 1) for place in right]
-    swaps: list[tuple[int, Span]] = []
-    for place in _in_order(turns):
-        if name == PARALLEL:
-            swaps.append((place, Span(0, repeaters + 1)))
-            continue
+    for place in () if name == PARALLEL else _in_order(schedule(name, repeaters)):
         span = Span(left[place], right[place])
         left[span.right], right[span.left] = span.left, span.right
-        swaps.append((place, span))
         if span != Span(0, repeaters + 1):
             purified.append(span)
-    return purified, swaps
+    return purified
 
 
 def _in_order(turns: Schedule) -> Iterator[int]:

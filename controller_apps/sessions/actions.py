@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop
 from controller_apps.packets import FiveTuple
-from controller_apps.policy.schedules import UNPURIFIED, Purification
 from controller_apps.sessions.holders import Ends, Holder
-from controller_apps.sessions.sessions import Chain, Request
+from controller_apps.sessions.sessions import Request
 from wire.analyser_frames import AnalyserFrame, Emission, Receivers
 from wire.device import SessionQuery
 from wire.monitor_messages import GiveBack, SealOrder
@@ -122,17 +121,6 @@ class Forget:
 
 
 @dataclass(frozen=True)
-class SwapsOrdered:
-    """Tell the nodes of a chain of repeaters what they do in a session."""
-
-    session: int
-    chain: Chain
-    schedule: str = "parallel"  # who swaps when: one of schedules.SCHEDULES
-    purification: Purification = UNPURIFIED  # of pairs before they are swapped
-    blocks: int = 1  # that may be under way at once
-
-
-@dataclass(frozen=True)
 class Order:
     """Tell or ask a host's node agent something, until it has answered."""
 
@@ -165,4 +153,4 @@ class Drop:
 
 Programming = OpenPaths | Emit | KeepPulses | ClosePaths
 SwitchAction = Forward | Flood | Programming | AddBypass | RemoveBypass | CountBypass
-Action = SwitchAction | Keep | Forget | SwapsOrdered | Order | Note | Drop
+Action = SwitchAction | Keep | Forget | Order | Note | Drop

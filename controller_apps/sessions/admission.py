@@ -2,10 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import NamedTuple
 
-from controller_apps.light.obstacles import Obstacle, mended, obstacles, text_of
+from controller_apps.light.obstacles import Obstacle, obstacles, text_of
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Direction, Network
 from controller_apps.light.routing import Leg, LightPath, Limits, cheapest_path, route, why_not
@@ -13,23 +12,9 @@ from controller_apps.light.taps import CannotTap, tapped
 from controller_apps.light.waypoints import path_over
 from controller_apps.packets import FiveTuple
 from controller_apps.policy.policy import Tap
-from controller_apps.sessions.chains import (
-    find_chain,
-    heralded_legs,
-    legs_of_chain,
-    ordered_link,
-    repeaters_of,
-)
-from controller_apps.sessions.node_features import (
-    Want,
-    block_pairs,
-    blocks_under_way,
-    first_want,
-    is_station,
-    want_of_repeater,
-)
+from controller_apps.sessions.node_features import block_pairs, first_want
 from controller_apps.sessions.returns import returned_on
-from controller_apps.sessions.sessions import Chain, Refusal, Session, Sessions
+from controller_apps.sessions.sessions import Refusal, Session, Sessions
 from controller_apps.sessions.switch_chains import most_pairs, swapping
 from wire.device import MAX_UNDER_WAY
 from wire.light import Role
@@ -46,9 +31,7 @@ class Admission:
     reason: Reason = Reason.OK
     paths: tuple[LightPath, ...] = ()
     waits_for_light: bool = False  # refused only because others have the light
-    chain: Chain = ()  # of repeaters, where it is wanted
     block_pairs: int = 0  # in a block at most, where memories take less than was asked for
-    blocks: int = 1  # of a chain, under way at once
     wavelength_pm: int = 0  # of the channel that was chosen
     node: str = ""  # address of the one that the reason is about, if it is about one
     detail: str = ""  # why not, for who runs the network, if the reason does not say it all
@@ -81,7 +64,7 @@ def admit(
     if setup.handshake == Handshake.ONE_PAIR:
         if not _same_session(setup, five_tuple, registered):
             return Admission(Reason.UNKNOWN_SESSION)
-    elif not _has_its_whole(setup, five_tuple, sessions):
+    elif setup.service in RETURNS and returned_on(setup, five_tuple, sessions) is None:
         return Admission(Reason.UNKNOWN_SESSION)
     elif registered is not None:
         return Admission(Reason.BUSY)
@@ -98,12 +81,6 @@ def _pair_source(five_tuple: FiveTuple, registered: Session | None) -> Admission
         and registered.setup.source == five_tuple.destination
     )
     return Admission() if belongs else Admission(Reason.UNKNOWN_SESSION)
-
-
-def _has_its_whole(setup: Setup, five_tuple: FiveTuple, sessions: Sessions) -> bool:
-    if setup.service == Service.LINK:
-        return ordered_link(setup, five_tuple, sessions) is not None
-    return setup.service not in RETURNS or returned_on(setup, five_tuple, sessions) is not None
 
 
 def _same_session(setup: Setup, five_tuple: FiveTuple, registered: Session | None) -> bool:
@@ -141,7 +118,7 @@ def find_light(
         return Admission(Reason.UNSUPPORTED, detail=f"{service.name} with memory {setup.memory}")
     want = first_want(setup, hosts, network)
     if want is not None:
-        return _refused(want)
+        return Admission(want.reason, detail=str(want), node=want.address)
     try:
         channels = channels_of(setup, five_tuple, sessions, network)
     except ValueError:  # a wavelength outside the optical range
@@ -197,20 +174,17 @@ class Search(NamedTuple):
         legs = self._legs(limits)
         if isinstance(legs, Admission):
             return legs
-        free = limits._replace(blocked=Limits().blocked)
-        if setup.service == Service.SWITCH_SWAP and setup.block:
+        if setup.service == Service.SWAP and setup.block:
             return self._in_switches(limits)
-        if setup.service == Service.SWAP:  # light comes with each link
-            return _find_repeaters(setup, self.hosts, network, free)
         if setup.handshake == Handshake.PER_PAIR:  # light comes with each pair
-            limits = free
+            limits = limits._replace(blocked=Limits().blocked)
         over = self.sessions.over.get(setup.session)
         paths = _over(network, legs, over, limits) if over else route(network, legs, limits)
         if paths is None:
             return self._no_paths(legs, over, limits) if explains else Admission(Reason.BUSY)
         if setup.handshake == Handshake.PER_PAIR:
             return Admission()
-        return Admission(paths=paths, block_pairs=block_pairs(setup, self.hosts, (), network))
+        return Admission(paths=paths, block_pairs=block_pairs(setup, self.hosts, network))
 
     def _in_switches(self, limits: Limits) -> Admission:
         """Return the light of as many switches that swap as are wanted, or why there are not."""
@@ -225,7 +199,7 @@ class Search(NamedTuple):
         heralded = self.setup.memory == MemoryState.HERALDED
         found = swapping(network, path, count, limits, heralded)
         if not isinstance(found, str):
-            wanted = block_pairs(self.setup, self.hosts, (), network)
+            wanted = block_pairs(self.setup, self.hosts, network)
             most = most_pairs(network, found, wanted, 1 if heralded else MAX_UNDER_WAY)
             return Admission(paths=found, block_pairs=most)
         free = limits._replace(blocked=Limits().blocked)
@@ -241,14 +215,10 @@ class Search(NamedTuple):
             role: network.channel_ports_of(address, frequency)
             for role, address in self.hosts.items()
         }
-        service = Service(self.setup.service)
-        if service == Service.LINK:
-            legs = _legs_of_link(self.setup, self.connection, self.sessions, ports)
-        else:
-            by = making(self.setup, self.hosts[Role.OPENER])
-            if few := _too_few_fibers(service, by, self.hosts, ports, network):
-                return few
-            legs = legs_of(service, ports, by)
+        service, by = Service(self.setup.service), making(self.setup, self.hosts[Role.OPENER])
+        if few := _too_few_fibers(service, by, self.hosts, ports, network):
+            return few
+        legs = legs_of(service, ports, by)
         if legs is None:
             return Admission(Reason.NO_PATH)
         try:
@@ -290,40 +260,6 @@ def _broken(broken: Sequence[Obstacle]) -> Admission:
     return Admission(reason, detail=detail, node=host, obstacle=text_of(broken, OBSTACLE_BYTES))
 
 
-def _find_repeaters(
-    setup: Setup, hosts: Mapping[Role, str], network: Network, limits: Limits
-) -> Admission:
-    """Return a chain of hosts that can be repeaters, or which host of a chain cannot."""
-    opener, acceptor = hosts[Role.OPENER], hosts[Role.ACCEPTOR]
-    heralded = setup.memory == MemoryState.HERALDED
-    unable = partial(want_of_repeater, network, by=making(setup, opener))
-    stations = partial(is_station, network) if heralded else None
-    chain = find_chain(network, opener, acceptor, limits, unable, stations)
-    if chain is not None:
-        repeaters = repeaters_of(chain)
-        return Admission(
-            chain=chain,
-            block_pairs=block_pairs(setup, hosts, repeaters, network),
-            blocks=blocks_under_way(setup, hosts, repeaters, network),
-        )
-    chain = find_chain(network, opener, acceptor, limits, stations=stations)
-    for want in filter(None, map(unable, repeaters_of(chain or ()))):
-        return _refused(want)
-    broken = _chain_broken(network, opener, acceptor, limits, heralded)
-    return broken or Admission(Reason.NO_CHAIN)
-
-
-def _chain_broken(
-    network: Network, opener: str, acceptor: str, limits: Limits, heralded: bool
-) -> Admission | None:
-    """Return which elements of a chain are cut or stuck, if that is why there is none."""
-    whole = mended(network)
-    stations = partial(is_station, whole) if heralded else None
-    chain = find_chain(whole, opener, acceptor, limits, stations=stations)
-    broken = obstacles(network, legs_of_chain(whole, chain, limits)) if chain else []
-    return _broken(broken) if broken else None
-
-
 def _too_few_fibers(
     service: Service,
     by: Making,
@@ -340,30 +276,6 @@ def _too_few_fibers(
             text = f"{name} has {count}, {service.name} needs {needed} there"
             return Admission(Reason.NO_PATH, node=hosts[role], detail=text, obstacle=text)
     return None
-
-
-def _legs_of_link(
-    setup: Setup,
-    five_tuple: FiveTuple,
-    sessions: Sessions,
-    ports: Mapping[Role, list[SwitchPort]],
-) -> list[Leg] | None:
-    """Return the fibres that were ordered; None if the chain, or a fibre, has gone."""
-    link = ordered_link(setup, five_tuple, sessions)
-    if link is None:
-        return None
-    start, end = ports[Role.OPENER], ports[Role.ACCEPTOR]
-    out, into = link[0].right, link[1].left
-    if out >= len(start) or into >= len(end):
-        return None
-    leg = Leg(start[out], end[into])
-    if setup.memory == MemoryState.HERALDED:
-        return heralded_legs(leg, ports[Role.SOURCE])
-    return [leg]
-
-
-def _refused(want: Want) -> Admission:
-    return Admission(want.reason, detail=str(want), node=want.address)
 
 
 def limits_of(setup: Setup, frequency: int, sessions: Sessions, budget_mdb: int) -> Limits:

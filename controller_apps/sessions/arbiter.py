@@ -9,7 +9,7 @@ instead of to the acceptor. The arbiter *holds* the message, decides, writes its
 and only then passes it on: a host that receives a granted set-up knows that the light path stands.
 
     set-up --> held --last barrier reply--> granted --FIN, RST, silence--> torn down
-       |         |`--error, deadline, switch gone, silent node--> refused
+       |         |`--error, deadline, switch gone--> refused
        `--> queued for light that others have, if the policy says so
 
 **A segment.** TCP may repeat a message and add bytes behind it, so a request is known by its
@@ -20,8 +20,7 @@ of a known connection go to `connections`.
 **A set-up** is dropped if it is forged or comes too early after a restart; refused if the policy
 forbids it or `admission` finds no light for it (admission changes nothing); queued if others have
 the light and it may wait; else opened. Light that is given at once is programmed by `light_paths`,
-one transaction for all switches, and the request is held until each has answered its barrier. A
-chain of repeaters is held until each node has answered (`ordering`).
+one transaction for all switches, and the request is held until each has answered its barrier.
 
 **Waiting.** `light_queue` serves requests in the policy's order each time that light becomes free;
 one that still has to wait keeps no other from light. With slots (`slots`) a request has the
@@ -35,7 +34,7 @@ own is whole again. A switch that is gone has 10 s to return.
 **Ends.** A session lives as long as the connection that opened it. After the first data a bypass
 lets a connection pass the switch directly; the switch then reports its silence. `expiry` refuses
 and tears down what has waited or been silent too long. `verdicts` does both: it takes light,
-bypasses, links and returns with the session, and answers what is still held.
+bypasses and returns with the session, and answers what is still held.
 
 **Another controller** finds sessions in a state folder. They are in doubt until a switch confirms
 them (`recovery`) or a host does (`enquiries`); nothing is opened for them before.
@@ -60,7 +59,7 @@ from controller_apps.sessions.link_monitors import Preempted
 from controller_apps.sessions.recovery import Enquiries, Recovery
 from controller_apps.sessions.repairs import Expiry, Repairs
 from controller_apps.sessions.sessions import Arrival, Session, Sessions, read_setup
-from controller_apps.sessions.setups import Ordering, Setups
+from controller_apps.sessions.setups import Setups
 from controller_apps.sessions.slots import SlotGrants
 from controller_apps.sessions.switch_chains import emissions
 from controller_apps.sessions.terms import UNFILTERED, Terms
@@ -98,7 +97,6 @@ class Arbiter:
         self.handshakes, self.copies = Handshakes(), Copies(sessions, light)
         self.recovery = Recovery(sessions, light, self.discovery_s)
         self.enquiries = Enquiries(sessions)
-        self.ordering = Ordering(sessions, light, verdicts)
         preempted = Preempted(sessions)
         self.queue = LightQueue(sessions, terms, light, verdicts, preempted)
         self.grants = SlotGrants(sessions, network, self.queue, verdicts)
@@ -110,13 +108,12 @@ class Arbiter:
             handshakes=self.handshakes,
             copies=self.copies,
             recovery=self.recovery,
-            ordering=self.ordering,
             queue=self.queue,
             grants=self.grants,
         )
         self.connections = Connections(sessions, terms, verdicts)
         self.repairs = Repairs(network, sessions, light, verdicts)
-        self.expiry = Expiry(sessions, terms, light, verdicts, self.ordering, preempted)
+        self.expiry = Expiry(sessions, terms, light, verdicts, preempted)
         self.follow(replace(UNFILTERED, queue=self.order))
 
     def follow(self, policy: Policy) -> None:
@@ -197,9 +194,6 @@ class Arbiter:
             self.sessions.freed, self.sessions.changed = set(), False
             return actions
         return [*actions, *self.queue.serve(now)]
-
-    def node_answered(self, number: int, node: str, reason: Reason, now: float) -> list[Action]:
-        return self.ordering.node_answered(number, node, reason, now)
 
     def barrier_passed(self, dpid: int, transaction: int, now: float) -> list[Action]:
         """Note that a switch has set up its part; release the message after the last one."""

@@ -16,7 +16,6 @@ from controller_apps.packets import FiveTuple
 from controller_apps.policy.schedules import ORDERS
 from controller_apps.sessions.actions import Action, Note
 from controller_apps.sessions.admission import Admission
-from controller_apps.sessions.chains import links_of
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.link_monitors import PREEMPTED, Preempted
 from controller_apps.sessions.sessions import Refusal, Request, Session, Sessions
@@ -52,10 +51,9 @@ class LightQueue:
         """Return whether link monitors, or sessions with an unconfirmed close, have the light."""
         sessions = self.sessions
         ending = {
-            number
+            session.number
             for session in sessions.by_number.values()
             if session.setup.service in MONITORS or session.doubted
-            for number in (session.number, *(link.number for link in links_of(session, sessions)))
         }
         if not ending:
             return False

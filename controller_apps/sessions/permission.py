@@ -12,8 +12,6 @@ from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Handshake, Service
 from wire.services import LINES, RETURNS
 
-PARTS = (Service.PAIR_SOURCE, Service.LINK)  # of sessions that were asked for before
-
 
 @dataclass
 class Permission:
@@ -26,11 +24,10 @@ class Permission:
     def objection(self, setup: Setup, five_tuple: FiveTuple) -> str:
         """Return why the policy forbids a set-up, "" if it does not.
 
-        A pair source is asked for a session that is open already, and so is a link of a chain of
-        repeaters: the policy has been asked about the whole. A host that has not been
-        discovered has no name; admission refuses it for that.
+        A pair source is asked for a session that is open already, which the policy has been asked
+        about. A host that has not been discovered has no name; admission refuses it for that.
         """
-        if setup.service in PARTS:
+        if setup.service == Service.PAIR_SOURCE:
             return ""
         if self.policy.filter.numbers and not self._is_own_number(setup, five_tuple):
             return f"session {setup.session:016x} is not of {five_tuple.source}, which opens it"
@@ -55,7 +52,7 @@ class Permission:
     def _open(self, but: int) -> Iterator[SessionRequest]:
         for session in self.sessions.by_number.values():
             request = self._request(session.setup, session.owner)
-            if session.number != but and session.setup.service not in PARTS and request is not None:
+            if session.number != but and request is not None:
                 yield request
 
     def _request(self, setup: Setup, five_tuple: FiveTuple) -> SessionRequest | None:

@@ -4,11 +4,9 @@ from dataclasses import dataclass
 
 from controller_apps.light.paths import Network, switches
 from controller_apps.sessions.actions import Action
-from controller_apps.sessions.chains import beside, links_of
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.link_monitors import PREEMPTED, Preempted
 from controller_apps.sessions.sessions import Refusal, Request, Session, Sessions
-from controller_apps.sessions.setups import Ordering
 from controller_apps.sessions.terms import Terms
 from controller_apps.sessions.verdicts import Verdicts
 from controller_apps.timeouts import SWITCH_GRACE_S
@@ -21,16 +19,13 @@ class Expiry:
     terms: Terms
     light: Light
     verdicts: Verdicts
-    ordering: Ordering
     preempted: Preempted
 
     def refuse_held(self, now: float) -> list[Action]:
-        """Refuse requests for which a node or a switch has been silent for too long."""
+        """Refuse requests for which a switch has been silent for too long."""
         actions: list[Action] = []
         for request in list(self.sessions.held.values()):
-            if request.unanswered:
-                actions += self.ordering.give_up(request, now)
-            elif now - request.started >= self.terms.hold_timeout_s:
+            if now - request.started >= self.terms.hold_timeout_s:
                 actions += self.verdicts.refuse(request, self._why_held(request), now)
         return actions
 
@@ -46,7 +41,7 @@ class Expiry:
             actions += self.verdicts.tear_down(session, "no switch in time for the other way", now)
         for session in list(self.sessions.by_number.values()):
             if session.number not in self.sessions.by_number:
-                continue  # a link whose chain has just ended
+                continue  # a return whose session has just ended
             if cause := self._end(session, now):
                 actions += self.verdicts.tear_down(session, cause, now)
         return actions
@@ -62,13 +57,8 @@ class Expiry:
         return "idle" if self._is_idle(session, now) else ""
 
     def _is_idle(self, session: Session, now: float) -> bool:
-        idle_s = self.terms.idle_timeout_s
-        if now - session.seen < idle_s or not session.open or session.bypassed:
-            return False
-        if links_of(session, self.sessions):
-            return False  # the traffic of a chain is that of its links
-        # A link waits until all of its chain stands, which takes a while if it is long.
-        return all(now - link.seen >= idle_s for link in beside(session, self.sessions))
+        silent = now - session.seen >= self.terms.idle_timeout_s
+        return silent and session.open and not session.bypassed
 
 
 @dataclass

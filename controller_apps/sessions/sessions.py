@@ -29,18 +29,6 @@ MAX_OF_ONE = MAX_REQUESTS // 8
 MAX_SESSIONS_OF_ONE = MAX_SESSIONS // 8
 
 
-class Stop(NamedTuple):
-    """A node of a chain of repeaters, and its fibres to its neighbours there, counted from 0."""
-
-    address: str
-    left: int = 0  # towards the opener
-    right: int = 0
-    station: str = ""  # address of what heralds the link to the right; "": its light goes there
-
-
-Chain = tuple[Stop, ...]  # from the opener to the acceptor
-
-
 @dataclass(frozen=True)
 class Arrival:
     """A segment that a classical switch has sent to the controller."""
@@ -79,7 +67,6 @@ class Request:
     waiting: set[int] = field(default_factory=set)  # switches that owe a barrier reply
     seen: dict[int, float] = field(default_factory=dict)  # switches with a copy of it, since when
     unseen: set[int] = field(default_factory=set)  # switches whose copy its light waits for
-    unanswered: set[str] = field(default_factory=set)  # nodes that owe an answer to their order
     bypassed: set[int] = field(default_factory=set)  # switches that let the connection pass
     block_pairs: int = 0  # granted, if it is less than was asked for
     wavelength_pm: int = 0  # granted, if it was left to the controller
@@ -180,7 +167,6 @@ class Session:
     open: bool = False  # its owner has been granted
     requests: dict[FiveTuple, Request] = field(default_factory=dict)
     paths: tuple[LightPath, ...] = ()
-    chain: Chain = ()  # whose links are sessions of their own
     light_owner: FiveTuple | None = None  # whose connection keeps the paths open
     stranded: bool = False  # its light is lost, and there is no other way
     lost_since: float | None = None  # when a switch that it cannot do without has gone

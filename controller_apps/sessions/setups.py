@@ -1,15 +1,8 @@
-"""The decision on a set-up message: drop it, refuse it, queue it, or open its light.
-
-A request for a chain of repeaters waits until every node has answered its order.
-
-set-up --> ordered --last answer--> granted
-              `--refusal, silence--> refused, with the address of that node
-"""
+"""The decision on a set-up message: drop it, refuse it, queue it, or open its light."""
 
 from dataclasses import dataclass
 
-from controller_apps.policy.schedules import PARALLEL, Purification
-from controller_apps.sessions.actions import Action, Drop, Forward, Note, SwapsOrdered
+from controller_apps.sessions.actions import Action, Drop, Forward, Note
 from controller_apps.sessions.admission import Admission, admit
 from controller_apps.sessions.connections import Handshakes
 from controller_apps.sessions.copies import Copies
@@ -20,7 +13,6 @@ from controller_apps.sessions.sessions import (
     Arrival,
     Refusal,
     Request,
-    Session,
     Sessions,
     new_request,
     read_setup,
@@ -29,7 +21,6 @@ from controller_apps.sessions.slots import SlotGrants
 from controller_apps.sessions.swap_turns import Hosts, are_stored, swap_turns
 from controller_apps.sessions.terms import Terms
 from controller_apps.sessions.verdicts import Verdicts
-from controller_apps.timeouts import NODE_TIMEOUT_S
 from wire.analyser_frames import Receivers
 from wire.metadata.header import session_of
 from wire.metadata.setup import SETUP_LENGTH, Setup, refused
@@ -43,57 +34,6 @@ from wire.metadata.vocabulary import (
 )
 from wire.services import MONITORS
 
-
-@dataclass
-class Ordering:
-    """Acts on the sessions that have chains."""
-
-    sessions: Sessions
-    light: Light
-    verdicts: Verdicts
-
-    def order(
-        self,
-        request: Request,
-        session: Session,
-        admission: Admission,
-        schedule: str,
-        purification: Purification,
-    ) -> list[Action]:
-        """Send their orders to the nodes of a chain; the request waits for their answers."""
-        session.chain = admission.chain
-        request.unanswered = {stop.address for stop in admission.chain}
-        self.light.hold(request)
-        return [
-            SwapsOrdered(session.number, admission.chain, schedule, purification, admission.blocks)
-        ]
-
-    def node_answered(self, number: int, node: str, reason: Reason, now: float) -> list[Action]:
-        """Note the answer of a node (its address); grant the request after the last."""
-        session = self.sessions.by_number.get(number)
-        request = session.requests.get(session.owner) if session is not None else None
-        if request is None or node not in request.unanswered:
-            return []
-        if reason != Reason.OK:
-            return self.verdicts.refuse(request, Refusal(reason, node, node), now)
-        request.unanswered.discard(node)
-        if request.unanswered:
-            return []
-        elapsed_ms = (now - request.started) * 1000
-        return self.verdicts.grant(request, Note("chain_ready", number, elapsed_ms))
-
-    def give_up(self, request: Request, now: float) -> list[Action]:
-        """Refuse a request for which a node has been silent for too long."""
-        session = self.sessions.of(request)
-        if session is None or now - request.started < NODE_TIMEOUT_S:
-            return []
-        nodes = (stop.address for stop in session.chain)
-        silent = next(node for node in nodes if node in request.unanswered)
-        return self.verdicts.refuse(request, Refusal(Reason.NODE_SILENT, silent, silent), now)
-
-
-TURNS = "hosts take turns only where they purify"
-TURNS_OF_HOSTS = Admission(Reason.NO_CHAIN, detail=TURNS, obstacle=TURNS)
 STORED = "switches purify only light that their memories take in"
 UNSTORED = Admission(Reason.NO_CHAIN, detail=STORED, obstacle=STORED)
 UNOPENED = "a set-up message on a connection that its other end has not opened"
@@ -110,7 +50,6 @@ class Setups:
     handshakes: Handshakes
     copies: Copies
     recovery: Recovery
-    ordering: Ordering
     queue: LightQueue
     grants: SlotGrants
 
@@ -175,12 +114,11 @@ class Setups:
         admission = terms.forbid(setup, connection) or admit(
             setup, connection, self.sessions, terms.network, terms.budget_mdb, terms.policy.taps
         )
-        rounds = terms.policy.purification.rounds
-        if rounds and admission.paths and setup.service == Service.SWITCH_SWAP and setup.block:
-            absorbed = are_stored(admission.paths) and setup.memory != MemoryState.HERALDED
-            return admission if absorbed else UNSTORED
-        turns = terms.policy.schedule != PARALLEL and not rounds
-        return TURNS_OF_HOSTS if admission.chain and turns else admission
+        swaps = admission.paths and setup.service == Service.SWAP and setup.block
+        if not swaps or not terms.policy.purification.rounds:
+            return admission
+        absorbed = are_stored(admission.paths) and setup.memory != MemoryState.HERALDED
+        return admission if absorbed else UNSTORED
 
     def _takes_slot(self, setup: Setup, admission: Admission) -> bool:
         if not self.grants.slots or setup.handshake != Handshake.FRAMED:
@@ -195,14 +133,9 @@ class Setups:
         session = self.sessions.join(request, now)
         if waits:
             return self.queue.wait(request, now)
-        if admission.chain:
-            policy = self.terms.policy
-            return self.ordering.order(
-                request, session, admission, policy.schedule, policy.purification
-            )
         if not admission.paths:
             return self.verdicts.grant(request)
-        if request.setup.service == Service.SWITCH_SWAP:
+        if request.setup.service == Service.SWAP:
             hops = (hop for path in admission.paths for hop in path.hops)
             policy = self.terms.policy
             hosts = _hosts(request)

@@ -5,8 +5,7 @@ which paths it has. They do not hold what a living session needs further on: who
 set-up named as source, its handshake and wavelength, the rotation its receiver has to
 undo, and where on its connection the set-up was. That is kept here, network byte order:
 
-    session: seen (s), requests, paths; each request; each path with its hops; the number of nodes
-             of a chain of repeaters, and each node's address
+    session: seen (s), requests, paths; each request; each path with its hops
     hosts:   each port: switch, port, address, three lengths, name of host and port, node_features
 """
 
@@ -22,8 +21,7 @@ from controller_apps.light.paths import MAX_PORTS, Hop, HostPort
 from controller_apps.light.routing import LightPath
 from controller_apps.packets import FiveTuple
 from controller_apps.sessions.actions import Keep
-from controller_apps.sessions.sessions import Request, Session, Stop, read_setup
-from wire.device import MAX_REPEATERS, NOBODY
+from controller_apps.sessions.sessions import Request, Session, read_setup
 from wire.features import NodeFeatures
 from wire.malformed import MalformedPacket
 from wire.metadata.header import METADATA_PORT
@@ -38,8 +36,6 @@ SESSION = struct.Struct("!dBH")
 REQUEST = struct.Struct(f"!4sH4sIBII{SETUP_LENGTH}s")  # to the metadata port
 PATH = struct.Struct("!IBB")  # loss in thousandths of a dB, rotation, hops
 HOP = struct.Struct("!QII")
-NODES = struct.Struct("!B")
-NODE = struct.Struct("!4sBB4s")
 HOST = struct.Struct("!QI4sBBB")
 
 
@@ -71,11 +67,7 @@ def encode_session(session: Session) -> bytes:
     for path in paths:
         data += PATH.pack(path.loss_mdb, path.rotation, len(path.hops))
         data += b"".join(HOP.pack(*hop) for hop in path.hops)
-    nodes = (
-        NODE.pack(_packed(node.address), node.left, node.right, _packed(node.station or NOBODY))
-        for node in session.chain
-    )
-    return data + NODES.pack(len(session.chain)) + b"".join(nodes)
+    return data
 
 
 def _is_kept(request: Request) -> bool:
@@ -98,11 +90,8 @@ def decode_session(data: bytes, now: float) -> Session:
     session.requests = {owner.five_tuple: owner}
     session.paths = tuple(_path(reader) for _ in range(paths))
     session.light_owner = session.owner if paths else None
-    (nodes,) = reader.take(NODES)
-    session.chain = tuple(_stop(reader) for _ in range(nodes))
     reader.end()
     _check_owner(session)
-    _check_chain(session)
     for request in others:
         _check_member(request, session)
     session.requests = {request.five_tuple: request for request in (owner, *others)}
@@ -136,19 +125,9 @@ def _path(reader: "_Reader") -> LightPath:
     return LightPath(tuple(Hop(*reader.take(HOP)) for _ in range(count)), loss_mdb, rotation)
 
 
-def _stop(reader: "_Reader") -> Stop:
-    address, left, right, station = reader.take(NODE)
-    herald = str(IPv4Address(station))
-    return Stop(str(IPv4Address(address)), left, right, "" if herald == NOBODY else herald)
-
-
-def _packed(address: str) -> bytes:
-    return IPv4Address(address).packed
-
-
 def _check_owner(session: Session) -> None:
     setup = session.setup
-    in_switches = setup.service == Service.SWITCH_SWAP and setup.block > 0
+    in_switches = setup.service == Service.SWAP and setup.block > 0
     has_light = in_switches or bool(LIGHT.get(Service(setup.service)))
     lit = setup.handshake == Handshake.FRAMED and has_light
     is_owner = setup.handshake in (Handshake.FRAMED, Handshake.PER_PAIR)
@@ -158,15 +137,6 @@ def _check_owner(session: Session) -> None:
         _ = session.frequency_mhz
     except ValueError as error:
         raise MalformedPacket(str(error)) from error
-
-
-def _check_chain(session: Session) -> None:
-    chain, swaps = session.chain, session.setup.service == Service.SWAP
-    nodes = [stop.address for stop in chain]
-    whole = 0 < len(nodes) - 2 <= MAX_REPEATERS and len(set(nodes)) == len(nodes)
-    whole = whole and (nodes[0], nodes[-1]) == (session.owner.source, session.owner.destination)
-    if not whole if swaps else chain:
-        raise MalformedPacket(f"the chain {chain} for a session opened by {session.setup}")
 
 
 def _check_member(request: Request, session: Session) -> None:

@@ -78,7 +78,7 @@ class SwapTurns:
 
     def __post_init__(self) -> None:
         self._turns = schedule(self.schedule, len(self.swaps))
-        self._purified = spans(self.schedule, len(self.swaps))[0]
+        self._purified = spans(self.schedule, len(self.swaps))
         self._whole = Span(0, len(self.swaps) + 1)
 
     @property

@@ -1,11 +1,10 @@
 """The outcomes of requests and sessions (granted, refused, over) and their consequences."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from controller_apps.packets import FiveTuple
 from controller_apps.sessions.actions import Action, Forget, Forward, Note, RemoveBypass
-from controller_apps.sessions.chains import links_of
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.returns import returns_of
 from controller_apps.sessions.sessions import Arrival, Refusal, Request, Session, Sessions
@@ -102,18 +101,12 @@ class Verdicts:
             if request.held is not None and request.five_tuple != session.owner:
                 actions += self.answer(request, Verdict.REFUSED, Refusal(Reason.UNKNOWN_SESSION))
             self.sessions.retire(request, now)
-        links = links_of(session, self.sessions)
-        actions += self._end_parts(links, "its chain is over", now)
-        return [*actions, *self._end_parts(returns, "the session of its light is over", now)]
-
-    def _end_parts(self, parts: Iterable[Session], cause: str, now: float) -> list[Action]:
-        actions: list[Action] = []
-        for part in parts:
+        for part in returns:
             request = part.requests[part.owner]
             if request.held is not None:
                 actions += self.refuse(request, Refusal(Reason.UNKNOWN_SESSION), now)
             else:
-                actions += self.tear_down(part, cause, now)
+                actions += self.tear_down(part, "the session of its light is over", now)
         return actions
 
     def _punt_again(self, request: Request) -> list[Action]:

@@ -7,8 +7,8 @@ from typing import Any
 
 from hosts.client import blocking_session
 from qmn.timeouts import MEASURE_TIMEOUT_S
+from topologies.chain import ChainTopo
 from topologies.networks.network import Network, Signals
-from topologies.repeaters import RepeatersTopo
 from topologies.sdc import SdcTopo
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.runs.runtime import Runtime
@@ -23,8 +23,20 @@ SIFTED_BITS = 1_000_000
 STREAM_BITS = 8 * SIFTED_BITS  # sifted, for keys one after another
 STATES = 1_000_000
 KINDS = (("chp", "random", "the six cardinal states"), ("dense", "haar", "states at random"))
-LENGTHS = (1, 2, 4, 8)  # repeaters
+LENGTHS = (1, 2, 4, 8)  # switches that swap
 PAIRS = 100_000
+
+
+class SwappingChain(ChainTopo):
+    """alice and bob have no source between them: every switch swaps."""
+
+    def build(self, switches: int = 3, fibers: int = 1, **fiber: Any) -> None:
+        """Lay the chain with an analyser, two memories and a source in each switch."""
+        super().build(switches, fibers, **fiber)
+        for number in range(1, switches + 1):
+            name = f"q{number}"
+            parts = {"analysers": 1, "memories": 2, "sources": 1}
+            self.setNodeInfo(name, {**self.nodeInfo(name), **parts})
 
 
 def key_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
@@ -78,14 +90,14 @@ def teleport_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, s
 
 
 def swap_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
-    for repeaters in LENGTHS:
-        topology = partial(RepeatersTopo, repeaters=repeaters)
-        runtime = Runtime(log_folder=folder / f"repeaters-{repeaters}")
+    for switches in LENGTHS:
+        topology = partial(SwappingChain, switches=switches)
+        runtime = Runtime(log_folder=folder / f"switches-{switches}")
         with Network(topology, runtime, signals) as network:
-            figures = one_session(network, "swap", count=PAIRS, sample=0)
-        plural = "s" if repeaters > 1 else ""
+            figures = one_session(network, "swap", count=PAIRS, sample=0, swaps=switches)
+        plural = "es" if switches > 1 else ""
         yield (
-            f"swapped by {repeaters} repeater{plural}",
+            f"swapped by {switches} switch{plural}",
             f"{figures.pairs_per_s:,.0f} pairs/s: {figures.pairs:,} in {figures.elapsed_s:.2f} s",
         )
 

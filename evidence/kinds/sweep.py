@@ -59,7 +59,7 @@ values: 0.1   0.1,0.2,0.5   1:8 (whole numbers)   0:0.2:11 (from:to:count)   1e-
 examples:
   qmn lab sweep sdc --depolarizing 0:0.2:11
   qmn lab sweep sdc --depolarizing 0.01:0.2:8 --fec none,golay --interleave off,on --pairs 1000000
-  qmn lab sweep swap --repeaters 1:8 --node.memory.t2_s 0.01,0.1,1
+  qmn lab sweep swap --switches 1:8 --node.memory.t2_s 0.01,0.1,1
   qmn lab sweep qkd --eve 0:0.3:7 --count 10000
   qmn lab sweep teleport --emulate --copper-mbps 0.5:20:8:log --node.memory.t2_s 50ms
 """

@@ -1,7 +1,8 @@
 """Sweeps of any job over the network: its options and settings as axes, several points a network.
 
-An axis is an option of `qmn run JOB` (repeaters, count), or a setting of a part: node.memory.t2_s
-of every host, bob.memory.t2_s of one, fiber.NAME and switch.NAME of all, q1-q2.NAME of a fibre.
+An axis is an option of `qmn run JOB` (switches, count), or a setting of a part: node.memory.t2_s
+of every host (and switch, of swap), bob.memory.t2_s of one, fiber.NAME and switch.NAME of all,
+q1-q2.NAME of a fibre.
 Points that differ in options of the job alone share a network that goes on standing.
 """
 
@@ -105,7 +106,7 @@ WHAT = {"sdc": "send a message by superdense coding", **{k: v.help for k, v in V
 def check(job: str, values: Values) -> None:
     """Raise BadGrid for a point that the job cannot be."""
     try:
-        network_for(job, options_of(values, 1))
+        network_for(job, options_of(job, values, 1))
     except (BadInput, BadTopology, SessionError) as error:
         raise BadGrid(str(error)) from error
 
@@ -197,7 +198,7 @@ def _of_default(name: str, default: object, limits: Any = None) -> Parameter:
     return _number(name, kind, limits, unit_of(name)) if number else Parameter(name, "", text=TEXT)
 
 
-def options_of(values: Values, seed: int) -> dict[str, Any]:
+def options_of(job: str, values: Values, seed: int) -> dict[str, Any]:
     """Return the options of a job in a network, as a script gives them."""
     options: dict[str, Any] = {"seed": seed, "time": STEPPED}
     words: dict[str, list[str]] = {}
@@ -205,6 +206,8 @@ def options_of(values: Values, seed: int) -> dict[str, Any]:
         if "." in name:
             setting = setting_of(name)
             words.setdefault(setting.option, []).append(setting.word(value))
+            if job == "swap" and setting.place == "*" and setting.name in SWITCH:
+                words.setdefault("switch", []).append(f"{setting.name}={value}")
         elif name in OF_PARTS:
             words.setdefault(name, []).extend(str(value).split())
         else:
@@ -220,9 +223,9 @@ def measure(job: str, points: Sequence[Values], seed: int, runs: Path) -> Iterat
     first = points[0]
     own_seed = point_seed(job, {k: v for k, v in first.items() if is_at_start(k)}, seed)
     try:
-        with start_for(job, begin_folder(runs, job), **options_of(first, own_seed)) as network:
+        with start_for(job, begin_folder(runs, job), **options_of(job, first, own_seed)) as network:
             for values in points:
-                yield outcome_of(network.run(job, **options_of(values, own_seed)))
+                yield outcome_of(network.run(job, **options_of(job, values, own_seed)))
     except (NetworkError, TransferError, BadInput, BadTopology, TimeoutError) as error:
         place = ", ".join(f"{name} {str(value)[:MOST_SHOWN]}" for name, value in first.items())
         raise SweepError(f"{job} at {place} and beyond failed: {error}") from error

@@ -18,7 +18,7 @@ from wire.results.run_result import ServiceJob
 INTERVAL = 2 * 1.96  # standard errors in a confidence interval of 95 %
 RATES = "pairs_per_s", "states_per_s", "key_bits_per_s"
 # Settings that the theory of pairs takes, and those that it does not depend on.
-OF_PAIRS = {"node.memory.t2_s", "depolarizing", "repeaters", "waiting_s"}
+OF_PAIRS = {"node.memory.t2_s", "depolarizing", "switches", "waiting_s"}
 FREE = {"count", "sample", "length_km", "loss_db_per_km", "block_pairs", "rate_hz", "copper_km"}
 FREE |= {
     "copper_mbps",
@@ -29,8 +29,9 @@ FREE |= {
     "switch_agent_delay",
     "control_km",
 }
-FIBERS = {"swap": 2, "distribute": 4, "teleport": 4, "sdc": 6}  # passed by a pair; swap: a link's
+FIBERS = {"swap": 1, "distribute": 4, "teleport": 4, "sdc": 6}  # passed by a pair; swap: a link's
 DEFAULT_KM = 0.01
+SWITCHES = 3  # of a chain
 
 WITHOUT_DELIVERY = "qber", "key_fraction", "setup_s", "pairs_made"
 
@@ -94,7 +95,7 @@ def waiting(_result: RunResult, asking: Figures, asked: Figures) -> Estimate:
 
 
 def _waits_ms(figures: Figures) -> Iterator[float]:
-    """Yield how long halves waited at an end, and those in repeaters, of which each keeps two."""
+    """Yield how long halves waited at an end, and those in switches, of which each keeps two."""
     has = vars(figures)
     if has.get("sampled_waited_ms") is not None:
         yield has["sampled_waited_ms"]
@@ -156,14 +157,14 @@ def pair_fidelity(job: str, values: Values) -> float | None:
     """
     if not values.keys() <= OF_PAIRS | FREE or math.isnan(_number(values, "waiting_s", math.nan)):
         return None
-    links = int(_number(values, "repeaters", 1)) + 1 if job == "swap" else 1
+    links = int(_number(values, "switches", SWITCHES)) + 1 if job == "swap" else 1
     kept = (1 - _number(values, "depolarizing", 0.0)) ** (FIBERS[job] * links)
     lasting = math.exp(-_number(values, "waiting_s", 0.0) / _number(values, "node.memory.t2_s"))
     return (1 + kept * (1 + 2 * lasting)) / 4
 
 
 def teleported(_job: str, values: Values) -> float | None:
-    if not values.keys() <= OF_PAIRS | FREE - {"repeaters"} | {"state", "node.memory.t1_s"}:
+    if not values.keys() <= OF_PAIRS | FREE - {"switches"} | {"state", "node.memory.t1_s"}:
         return None
     waited_s = _number(values, "waiting_s", math.nan)
     p = theory.together(*[_number(values, "depolarizing", 0.0)] * FIBERS["teleport"])

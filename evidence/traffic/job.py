@@ -33,7 +33,7 @@ from wire.services import LINES, RETURNS
 
 CONTROLLER = "c0"
 BYTES = ("sdc", "sdc_return")  # services that carry some
-MEASURED = ("distribute", "swap")  # services that leave pairs at both ends
+MEASURED = ("distribute",)  # services that leave pairs at both ends
 
 
 def run(request: LoadRequest, signals: Signals, console: Console) -> int:

@@ -10,7 +10,7 @@ A host with standing light also takes those that no controller has arbitrated: t
 there already, and do not rotate. A verdict that there is must be sealed all the same.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
@@ -29,9 +29,7 @@ MAX_REMEMBERED = 100_000  # sessions that are over
 class ActiveSessions:
     """Which sessions there are, by role, and which there were."""
 
-    def __init__(self, opens_link: Callable[[int], bool]) -> None:
-        """Begin with none; a host knows otherwise of links that it opens as a repeater."""
-        self._opens_link = opens_link
+    def __init__(self) -> None:
         # Session, and whether as its pair source: the address of who opened it, "" for this host.
         self._now: dict[tuple[int, bool], str] = {}
         self._before: dict[tuple[int, bool], None] = {}  # in the order of their ends
@@ -48,7 +46,7 @@ class ActiveSessions:
         A host may be the pair source of a session that it also opens or accepts.
         """
         place = session, role == Role.SOURCE
-        if place in self._now or self._opens_link(session):
+        if place in self._now:
             text = f"session {session:016x} is under way here: is its set-up message a replay?"
             raise SessionError(Reason.BUSY, text)
         if place in self._before:

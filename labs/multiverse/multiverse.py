@@ -12,26 +12,30 @@ from evidence.labs.lab import Chart, Finding, Lab, Published, Run, Runs
 THEIRS = tomllib.loads(Path(__file__).with_name("figures.toml").read_text())
 FIGURES = {figure["name"]: figure for figure in THEIRS["figures"]}
 CONFIDENCE_95 = 1.959964  # standard errors
-FLIGHT_S = 200 / 2.04e5  # over the two fibres of a link
+FLIGHT_S = 200 / 2.04e5  # over a link
 JOBS = {
-    "swapped": "swap --topology repeaters,1 --purification none",
-    "swapped-twice": "swap --topology repeaters,2 --purification none",
-    "purified": "distribute --purification bbpssw --rounds 1",
-    "swapped-purified": "swap --topology repeaters,1 --purification bbpssw --rounds 1",
+    "swapped": "swap --topology chain,1 --length-km 200 --purification none",
+    "swapped-twice": "swap --topology chain,2 --length-km 200 --purification none",
+    "purified": "distribute --length-km 100 --purification bbpssw --rounds 1",
+    "swapped-purified": "swap --topology chain,1 --length-km 200 --purification bbpssw --rounds 1",
 }
-ONE_BLOCK = "--rate-hz 4e9 --length-km 100 --sample 0.9 --captures none --without report,record"
+ONE_BLOCK = "--rate-hz 4e9 --sample 0.9 --captures none --without report,record"
 
 
 def said(figure: dict[str, Any]) -> str:
     """Return what is said behind `qmn` for a figure; alice alone forgets if pairs are purified."""
     job, waits = figure["job"], figure.get("waits")
     pairs = f"--count {figure.get('pairs', 2000)} --block-pairs {figure['block']}"
-    words = f"run {JOBS[job]} {pairs} {ONE_BLOCK} --device *.source.fidelity={figure['source']:g}"
-    if waits is None:
-        return words
-    host = "alice" if job == "purified" else "*"
-    time_s = figure["flights"] * FLIGHT_S / waits
-    return f"{words} --device {host}.memory.depolarizing_s={time_s:.6g}"
+    settings = [f"source.fidelity={figure['source']:g}"]
+    if waits is not None:
+        settings.append(f"memory.depolarizing_s={figure['flights'] * FLIGHT_S / waits:.6g}")
+    words = f"run {JOBS[job]} {pairs} {ONE_BLOCK}"
+    for setting in settings:
+        host = "alice" if job == "purified" and setting.startswith("memory") else "*"
+        words += f" --device {host}.{setting}"
+        if job != "purified":
+            words += f" --switch {setting}"
+    return words
 
 
 def waited_s(run: Run, figure: dict[str, Any]) -> dict[str, float]:

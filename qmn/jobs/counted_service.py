@@ -10,7 +10,7 @@ from typing import NamedTuple
 from rich.console import Console
 
 from controller_apps.policy.schedules import PARALLEL
-from hosts.middleware.services.switch_swap import MOST_SWITCHES, SwapOptions
+from hosts.middleware.services.swapping import MOST_SWITCHES, SwapOptions
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import ServiceOptions
 from hosts.timeouts import MAX_BLOCK_S
@@ -22,11 +22,11 @@ from qmn.network.checks import FROM_TO, LINE, check_network, check_two_hosts
 from qmn.network.custom_topology import is_custom
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.felt_settings import Felt, checked_settings, everything, felt_by
-from qmn.network.light_checks import check_light, laser_pulses
+from qmn.network.light_checks import analysers_between, check_light, laser_pulses
 from qmn.network.part_options import kind_of_all
 from qmn.options import BadInput, check_ranges
 from qmn.requests.service import ServiceRequest
-from qmn.requests.service_verbs import VERBS, Verb, verb_name, verb_of
+from qmn.requests.service_verbs import Verb, verb_of
 from qmn.results.run_folder import begin_folder
 from topologies.catalogue.node_kinds import node_device
 from topologies.description.description import Description
@@ -44,7 +44,6 @@ PARTS: tuple[str, ...] = (
     "memories=2",
     "sources=1",
 )  # of a switch that swaps, for --switch
-SWAPPING = "chain"  # the topology whose switches swap, with these parts
 
 
 class Length(NamedTuple):
@@ -65,7 +64,7 @@ def begun(
     """Return the job and its context, with a folder; raise before there is one."""
     request, network = checked(request)
     require_free(network.topo)
-    folder = begin_folder(request.run.runs, folder_name(request.service))
+    folder = begin_folder(request.run.runs, request.service)
     network = with_policy(request, network, folder)
     context = RunContext(network, request.run, folder, signals, console)
     return job(request, network), context
@@ -95,19 +94,13 @@ def job(request: ServiceRequest, network: NetworkDescription) -> runner.Job:
         acceptor=request.receiver,
         others=request.others,
         request=replace(request, phases_rad=_phases(request, network)),
-        announcement=f"{folder_name(service)} {_between(request)}: {length.total:,} {length.unit}",
+        announcement=f"{service} {_between(request)}: {length.total:,} {length.unit}",
         unit=length.unit,
         total=length.total,
         done=lambda figures: int(getattr(figures, length.field, 0)),
         eve=attack_of(request, network),
         hand_out=request.hand_out,
     )
-
-
-def folder_name(service: str) -> str:
-    """Return by what name users know a service: of its verb, or of its protocol."""
-    name = verb_name(service)
-    return name if service == VERBS[name].in_switches else service
 
 
 def length_of(options: ServiceOptions, verb: Verb) -> Length:
@@ -156,13 +149,7 @@ def check_attack(request: ServiceRequest) -> None:
 
 
 def check_turns(request: ServiceRequest) -> None:
-    """Raise BadInput for turns that repeaters cannot take."""
-    by_hosts = request.service == "swap" and not request.purify
-    if by_hosts and request.schedule not in (None, PARALLEL):
-        raise BadInput(
-            f"--schedule {request.schedule}: hosts take turns only where they purify: add "
-            "--purify 1, or let switches swap (--topology chain)"
-        )
+    """Raise BadInput for turns of swaps that a policy decides on."""
     if request.network.policy and (request.schedule, request.purify) != (None, None):
         text = "--schedule and --purify make a policy of their own"
         raise BadInput(f"{text}: write [swap] schedule and rounds into --policy")
@@ -181,7 +168,7 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     if request.eve is not None:
         request = replace(request, network=eavesdropping.with_eve(request.network))
     if isinstance(request.options, SwapOptions):
-        request = with_parts(request, request.options)
+        request = with_parts(request)
     request, network, felt = fitted(request, describe_network(request.network))
     return request, checked_settings(request.service, felt, network)
 
@@ -193,8 +180,6 @@ def fitted(
 
     Raise BadInput for what cannot be done there.
     """
-    if isinstance(request.options, SwapOptions):
-        request = in_switches(request, request.options, network)
     options = replace(request.options, host=network.node(request.receiver))
     request = replace(request, sender=network.node(request.sender), options=options)
     if is_relayed(Service[request.service.upper()]):
@@ -206,6 +191,9 @@ def fitted(
         if name not in network.hosts:
             raise BadInput(f"{LINE} {name}: {remedy(name, network.hosts)}")
     check_source(request.options, network.hosts)
+    if isinstance(request.options, SwapOptions):
+        options = with_swaps(request.options, request.sender, network.parts)
+        request = replace(request, options=options)
     named = verb_of(request.service).source
     taking_part = *ends, *request.others
     source = request.options.source
@@ -228,16 +216,14 @@ def fitted(
     return replace(request, options=options), network, felt
 
 
-def with_parts(request: ServiceRequest, options: SwapOptions) -> ServiceRequest:
+def with_parts(request: ServiceRequest) -> ServiceRequest:
     """Return the request with parts in all switches of a topology of ours, if it names none.
 
-    Switches swap in chains, and where the request says in how many. Of hosts whose memories emit
-    every second one is as they are, and those between are stations.
+    Of hosts whose memories emit every second one is as they are, and those between are stations.
     """
     network, words = request.network, PARTS
-    swap = options.swaps or network.topology.split(",")[0] == SWAPPING
     named = any("analysers=" in word or "parts=" in word for word in network.switch)
-    if not swap or named or is_custom(network.topology):
+    if named or is_custom(network.topology):
         return request
     if (kind := kind_of_all(network.node)) and is_heralded(node_device(kind, Device()).features):
         names = describe_network(replace(network, switch=())).parts.switches
@@ -246,18 +232,21 @@ def with_parts(request: ServiceRequest, options: SwapOptions) -> ServiceRequest:
     return replace(request, network=replace(network, switch=(*words, *network.switch)))
 
 
-def in_switches(
-    request: ServiceRequest, options: SwapOptions, network: NetworkDescription
-) -> ServiceRequest:
-    """Return the request with a swap in each switch that can, unless it says in how many."""
-    able = sum(optics.analysers > 0 for optics in network.parts.switches.values())
-    if is_heralded(network.parts.hosts[network.node(request.sender)].features):
+def with_swaps(options: SwapOptions, sender: str, parts: Description) -> SwapOptions:
+    """Return the options with a swap in each switch that can, unless they say in how many.
+
+    Raise BadInput if none is between the two hosts.
+    """
+    able = analysers_between(sender, options.host, parts)
+    if is_heralded(parts.hosts[sender].features):
         able = max(0, able - 1 + able % 2)  # a chain begins and ends with a station
-    swaps = options.swaps or min(able, MOST_SWITCHES)
-    if not swaps:
-        return request
-    service = verb_of(request.service).in_switches
-    return replace(request, service=service, options=replace(options, swaps=swaps))
+    if not able:
+        raise BadInput(
+            f"swap needs light from {sender} and {options.host} to a quantum switch with a Bell "
+            "analyser between them: choose --topology chain,3, or give your switches parts "
+            f"({' '.join(f'--switch {part}' for part in PARTS)})"
+        )
+    return replace(options, swaps=options.swaps or min(able, MOST_SWITCHES))
 
 
 def with_beam_splitter(

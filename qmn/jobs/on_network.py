@@ -114,7 +114,10 @@ def _require_same(made: Made, job: str, given: Mapping[str, Any]) -> None:
     topology = given.get("topology", options.topology)
     asked = from_keywords(NetworkOptions, named, topology=topology)
     for name in sorted(given):
-        if (value := getattr(asked, name)) != (stands := getattr(options, name)):
+        value, stands = getattr(asked, name), getattr(options, name)
+        if job == "swap" and name == "switch":  # behind the parts that a swap gives all switches
+            value = (*stands[: len(stands) - len(value)], *value)
+        if value != stands:
             error = _fixed_at_start(job, name, value)
             raise BadInput(f"{error}; this one has {stands!r}")
 

@@ -4,7 +4,6 @@ They follow from the roles of hosts in a session, and from what a host in a role
 (wire.services). Presets and topologies serve many jobs: what they set is never refused.
 """
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise, product
@@ -54,13 +53,11 @@ STATION = _of("analyser", "detectors") | {"source.statistics"}  # a station has 
 RATE: Settings = frozenset({"source.max_rate_hz"})  # the slowest source limits every session
 BELL = {
     (Service.SDC, Role.ACCEPTOR),
-    (Service.SWAP, Role.REPEATER),
 }
 BESIDES = {
     (Service.SDC, Role.OPENER): PAULIS | _of("memory"),
     (Service.SDC_RETURN, Role.OPENER): PAULIS | _of("memory"),
 }
-FIBERS_OF_REPEATER = 2  # also of a station
 EVE = "eve"  # passes light on
 NODES = {"fiber": "fibre", "switch": "quantum switch"}
 INSTEAD = {**dict.fromkeys(OF_PAIRS, "preparation_error"), "source.preparation_error": "fidelity"}
@@ -122,13 +119,11 @@ def felt_by(
             roles[Role.SOURCE] = maker
         for role, host in roles.items():
             found |= Felt({host: _of_role(asked, role, by, parts.hosts[host])})
-        for start, end in () if not sends_light or asked == Service.SWAP else beams(asked, by):
+        for start, end in beams(asked, by) if sends_light else ():
             light = HostBeams(frozenset({roles[start.role]}), frozenset({roles[end.role]}))
             found |= Felt({}, frozenset({light}))
-    if asked == Service.SWITCH_SWAP:  # its ends send light to switches between them
+    if asked == Service.SWAP:  # its ends send light to switches between them
         found |= Felt({}, frozenset({HostBeams(frozenset(hosts), frozenset(hosts))}))
-    if asked == Service.SWAP:
-        found |= _heralding_ends(parts, hosts) | _repeaters(parts, hosts)
     if not sends_light:
         found = replace(
             found, devices={host: felt - PAIRS | STATES for host, felt in found.devices.items()}
@@ -159,34 +154,6 @@ def _bell(device: Device) -> Settings:
     if device.analyser.kind == "gates":
         return _of("detectors") | GATES | READOUT | {"analyser.kind"}
     return _of("analyser", "detectors")
-
-
-def _heralding_ends(parts: Description, ends: Sequence[str]) -> Felt:
-    """Return what ends of a chain feel that emit to a station between them and a repeater."""
-    roles = {ends[0]: Role.OPENER, ends[-1]: Role.ACCEPTOR}
-    return Felt(
-        {
-            host: _of_role(Service.SWAP, role, Making.STATION, parts.hosts[host])
-            for host, role in roles.items()
-            if HERALD in parts.hosts[host].features
-        }
-    )
-
-
-def _repeaters(parts: Description, ends: Sequence[str]) -> Felt:
-    """Return what repeaters and stations feel, and the light between them and the ends."""
-    fibers = Counter(end for fiber in parts.fibers for end in (fiber.a, fiber.b))
-    devices: dict[str, Settings] = {}
-    for host in parts.hosts.keys() - {*ends}:
-        device = parts.hosts[host]
-        if fibers[host] < FIBERS_OF_REPEATER:
-            continue
-        felt = STATION if device.is_station else frozenset[str]()
-        for by in (Making.SOURCE, Making.STATION)[: 1 + (HERALD in device.features)]:
-            felt |= _of_role(Service.SWAP, Role.REPEATER, by, device)
-        devices[host] = felt
-    joined = frozenset({*ends, *devices})
-    return Felt(devices, frozenset({HostBeams(joined, joined)}))
 
 
 def _lit_fibers(light: HostBeams, parts: Description) -> frozenset[frozenset[str]]:

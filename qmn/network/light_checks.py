@@ -48,9 +48,7 @@ def check_light(
         for role, host in ends.items():
             _refuse_too_few(service, host, fibers_needed(asked, role, by), parts)
         for start, end in beams(asked, by):
-            _refuse_dark(service, ends[start.role], ends[end.role], parts, parts.switches)
-        if asked == Service.SWAP:  # by way of other hosts, too
-            _refuse_dark(service, opener, acceptor, parts, {*parts.switches, *parts.hosts})
+            _refuse_dark(service, ends[start.role], ends[end.role], parts)
 
 
 def check_source(service: str, parts: Description) -> None:
@@ -61,7 +59,7 @@ def check_source(service: str, parts: Description) -> None:
 
 def making(service: Service, opener: str, source: str, parts: Description) -> Making:
     """Return who makes the pairs of a session, as its opener's stack chooses."""
-    if service == Service.SWITCH_SWAP and is_heralded(parts.hosts[opener].features):
+    if service == Service.SWAP and is_heralded(parts.hosts[opener].features):
         return Making.STATION
     if opener == source:
         return Making.OPENER
@@ -95,16 +93,25 @@ def _refuse_too_few(service: str, host: str, needed: int, parts: Description) ->
         )
 
 
-def _refuse_dark(
-    service: str, one: str, other: str, parts: Description, passing: Collection[str]
-) -> None:
-    """Raise BadInput if light cannot come from one host to another over nodes that pass it on."""
+def analysers_between(one: str, other: str, parts: Description) -> int:
+    """Return how many switches with an analyser light passes at least; 0 if no light passes."""
+    return int(_distances(one, parts).get(other, 0))
+
+
+def _distances(begin: str, parts: Description) -> dict[str, float]:
+    """Return in how many switches with an analyser light has been at least, by where it comes."""
     ways: Distances = {}
     for fiber in parts.fibers:
         for near, far in ((fiber.a, fiber.b), (fiber.b, fiber.a)):
-            if near == one or near in passing:
-                ways.setdefault(near, {})[far] = 0.0
-    if other not in shortest(ways, one):
+            if near == begin or near in parts.switches:  # other hosts pass nothing on
+                able = far in parts.switches and parts.switches[far].analysers > 0
+                ways.setdefault(near, {})[far] = float(able)
+    return shortest(ways, begin)
+
+
+def _refuse_dark(service: str, one: str, other: str, parts: Description) -> None:
+    """Raise BadInput if light cannot come from one host to another over quantum switches."""
+    if other not in _distances(one, parts):
         raise BadInput(
             f"{service} needs light between {one} and {other}, and no way of fibres and quantum "
             f"switches leads there: join {_beside(one, parts)} and {_beside(other, parts)}, as by "

@@ -26,6 +26,9 @@ def parameter(default: Any, meaning: str) -> Any:
     return option(default, meaning, flag="")
 
 
+GONE = "repeaters_at", "stations"  # parameters of earlier topologies, and of their results
+
+
 @dataclass(frozen=True, kw_only=True)
 class ShapeOptions:
     """Which nodes and fibres a network has: parameters of topologies."""
@@ -35,12 +38,8 @@ class ShapeOptions:
     )
     hosts_at: str | None = parameter(None, "places of the map, with commas, with hosts (all)")
     sources_at: str | None = parameter(None, "places with pair sources (the centre)")
-    repeaters_at: str | None = parameter(None, "places whose hosts can be repeaters (all)")
     fibers: int | None = parameter(None, "fibres between neighbouring quantum switches (2)")
-    repeaters: int | None = parameter(None, "repeaters of a chain of them, 1 to 64")
-    stations: bool = parameter(
-        False, "stations between repeaters, which herald pairs of memories that emit"
-    )
+    repeaters: int | None = parameter(None, "hosts of a line between alice and bob, 1 to 64 (1)")
     hosts: int | None = parameter(None, "hosts of a tree of switches, 2 to 1024 (16)")
     switches: int | None = parameter(None, "quantum switches of a chain, ring or tree")
     leaves: int | None = parameter(None, "switches of leaf-spine with hosts (3)")

@@ -11,7 +11,7 @@ from mininet.topo import Topo
 
 from qmn.network import custom_topology
 from qmn.network.custom_topology import BadTopology
-from qmn.network.options import MAP, NETWORK, NetworkOptions, ShapeOptions
+from qmn.network.options import GONE, MAP, NETWORK, NetworkOptions, ShapeOptions
 from qmn.network.part_options import kind_of_all
 from qmn.options import titled
 from qmn.parser import listed
@@ -54,8 +54,8 @@ TOPOLOGIES: Mapping[str, Topology] = MappingProxyType(
         ),
         "repeaters": Topology(
             RepeatersTopo,
-            "repeaters in a line, a quantum switch between neighbours",
-            ("repeaters", "stations"),
+            "hosts in a line, a quantum switch between neighbours",
+            ("repeaters",),
         ),
         "tree": Topology(
             TreeTopo, "quantum switches in a tree, with up to 1,024 hosts", ("hosts", "switches")
@@ -66,7 +66,7 @@ TOPOLOGIES: Mapping[str, Topology] = MappingProxyType(
         MAP: Topology(
             MapTopo,
             "a quantum switch and a host at each place of a map",
-            ("map", "fibers", "hosts_at", "sources_at", "repeaters_at"),
+            ("map", "fibers", "hosts_at", "sources_at"),
         ),
     }
 )
@@ -74,7 +74,7 @@ OWN = "FILE.py:CLASS"
 PACKAGES = registered(REGISTERED, TOPOLOGIES)
 KNOWN = (*TOPOLOGIES, *PACKAGES, f"or your own, {OWN}")  # as a user reads what may be chosen
 PARAMETERS = {each.name: each for each in fields(ShapeOptions)}
-LISTS = ("hosts_at", "sources_at", "repeaters_at")  # parameters whose values have commas
+LISTS = ("hosts_at", "sources_at")  # parameters whose values have commas
 
 
 def is_known(name: str) -> bool:
@@ -99,8 +99,9 @@ def topology(text: str) -> dict[str, str | int | bool]:
             continue
         if not named:
             key, value = (word, "true") if word in PARAMETERS else (next(unnamed, ""), word)
-        if key not in names:
-            raise argparse.ArgumentTypeError(_no_parameter(name, key or word, names))
+        if word in GONE or key not in names:
+            wrong = word if word in GONE else key or word
+            raise argparse.ArgumentTypeError(_no_parameter(name, wrong, names))
         if key in given:
             raise argparse.ArgumentTypeError(
                 f"{name}: {key} is {given[key]} and {value}: name it once"
@@ -110,6 +111,11 @@ def topology(text: str) -> dict[str, str | int | bool]:
 
 
 def _no_parameter(topology: str, word: str, names: Sequence[str]) -> str:
+    if word in GONE:
+        return (
+            f"{word} is gone: quantum switches swap, not hosts; name their parts, as --switch "
+            "q2.analysers=1 --switch q2.memories=2 --switch q2.sources=1 (docs/switch-swaps.md)"
+        )
     others = [other for other, each in TOPOLOGIES.items() if word in each.parameters]
     if others:
         return not_of(word, topology)

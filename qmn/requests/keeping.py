@@ -9,6 +9,7 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from qmn.network.options import GONE
 from qmn.options import NO_PARTS, Kind, OptionReader, Parts
 from wire import typed_json
 from wire.parameters.option import declared
@@ -55,6 +56,7 @@ def read_kept(
 
 
 def read_fields(kept: "Mapping[str, Field[Any]]", given: Mapping[str, Any]) -> dict[str, Any]:
+    given = {name: value for name, value in given.items() if name not in GONE}
     kinds = {name: each.type for name, each in kept.items()}
     needed = [name for name, each in kept.items() if typed_json.is_needed(each)]
     return typed_json.read_fields(kinds, needed, given, "parameters")

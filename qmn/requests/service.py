@@ -69,7 +69,7 @@ class HandOutOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class SwapOptions:
-    """How repeaters take turns."""
+    """How switches that swap take turns."""
 
     schedule: str | None = option(
         None,

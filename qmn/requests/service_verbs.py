@@ -20,8 +20,7 @@ class Verb:
     topology: str = "sdc"  # by default
     eavesdropper: bool = False  # whether eve may be put on the fibre
     source: bool = False  # whether the host that makes pairs can be chosen
-    scheduled: bool = False  # whether repeaters take turns
-    in_switches: str = ""  # the service that does it where switches of the network can
+    scheduled: bool = False  # whether switches that swap take turns
     keys: bool = False  # whether it leaves keys
     hand_out: str = ""  # MODULE:NAME of a context that takes keys out as they come, as --hand-out
     line: bool = False  # whether its hosts are named together, in an order
@@ -35,11 +34,10 @@ OWN: Mapping[str, Verb] = MappingProxyType(
             source=True,
         ),
         "swap": Verb(
-            "put pairs into the memories of two hosts by way of repeaters, or switches that swap",
+            "put pairs into the memories of two hosts by way of quantum switches that swap",
             "pairs",
-            topology="repeaters",
+            topology="chain",
             scheduled=True,
-            in_switches="switch_swap",
         ),
     }
 )
@@ -55,8 +53,7 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
 
 def services_of(name: str) -> tuple[str, ...]:
     """Return the services that do what a verb of this name says."""
-    verb = VERBS[name]
-    return (*(verb.protocols or (name,)), *([verb.in_switches] if verb.in_switches else []))
+    return VERBS[name].protocols or (name,)
 
 
 def verb_name(service: str) -> str:

@@ -25,6 +25,7 @@ from wire.results import schema
 from wire.results.run_result import RESULT
 from wire.results.schema import Schema
 
+RENAMED = {"switch_swap": "swap"}  # services of earlier results
 COMMON, OF_JOB = "parameters of every job", "parameters of "
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -104,6 +105,7 @@ def read_run(given: dict[str, Any]) -> RunResult:
     """Return the result of a run as decoded JSON says it; raise MalformedPacket for others."""
     from qmn.requests.kinds import KEPT, job_of
 
+    given = {**given, "service": RENAMED.get(given["service"], given["service"])}
     head, known = schema.head_of(given), {name: given.get(name) for name in (*BESIDE, "backend")}
     kept = KEPT.get(job_of(head.service or "", head.job))
     if kept is None:

@@ -63,7 +63,7 @@ NOT_HERE = {
     r"(add|ask|emit|frame)(\(\)| 409)|for q in|ovs-ofctl .* add-flow q1 in_port": (
         "tests/emulation/test_switch_swaps.py"
     ),
-    r"qmn> .* switch_swap 9": "tests/emulation/test_switch_swaps.py",
+    r"qmn> .* swap 9": "tests/emulation/test_switch_swaps.py",
     rf"{re.escape(MININET)}.*light=standing": "tests/emulation/test_own_controller.py",
     r"cat > bell\.qasm|qmn .*bell\.qasm": "tests/unit/qmn/test_pages.py, with that file",
     r"sudo service openvswitch-switch start": "set-up: `qmn` itself looks for Open vSwitch",

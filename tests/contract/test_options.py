@@ -176,17 +176,6 @@ CASES: dict[str, tuple[list[str], Callable[[Flat], bool]]] = {
         ["--topology", f"{MAP},sources_at=dnvrng,sttlng"],
         lambda found: sources(found) == {"src1", "src2"},
     ),
-    "repeaters_at": (
-        ["--topology", f"{MAP},repeaters_at=dnvrng"],
-        lambda found: (
-            {
-                host
-                for host in devices(found)
-                if sum(fibers_between(found, host, f"q{number}") for number in range(1, 13)) == 2
-            }
-            == {"dnvrng", "src"}
-        ),
-    ),
     "fibers": (
         ["--topology", "chain,fibers=5"],
         lambda found: fibers_between(found, "q1", "q2") == 5,
@@ -194,10 +183,6 @@ CASES: dict[str, tuple[list[str], Callable[[Flat], bool]]] = {
     "repeaters": (
         ["--topology", "repeaters,3"],
         lambda found: {"r1", "r2", "r3"} <= devices(found),
-    ),
-    "stations": (
-        ["--topology", "repeaters,stations"],
-        lambda found: found["alice.stations"] == ["m1", "m2"],
     ),
     "hosts": (["--topology", "tree,5"], lambda found: len(devices(found)) == 5),
     "switches": (

@@ -25,7 +25,6 @@ from machine_scene import SecondMachine, second_machine
 from mininet.topo import Topo
 
 from topologies.networks.network import Network
-from topologies.repeaters import RepeatersTopo
 from topologies.sdc import SdcTopo
 from topologies.system.kernel.interfaces import delete
 from topologies.system.namespaces import MACHINE_NETWORK, are_own, running
@@ -46,7 +45,6 @@ STANDS: dict[str, tuple[Callable[[], Topo], dict[str, Any]]] = {
     "shared_network": (SdcTopo, {}),
     "noisy_network": (partial(SdcTopo, depolarizing=NOISE), {}),
     "ring_network": (TurningRingTopo, {}),
-    "chain_network": (partial(RepeatersTopo, repeaters=2), {}),
     "queueing_network": (SdcTopo, {"contention": "queue"}),
     "netqasm_network": (TappedTopo, {"looking": True}),
     "keys_network": (SdcTopo, {"contention": "queue", "rest": "127.0.0.1:8181"}),
@@ -278,7 +276,6 @@ def sharing(name: str) -> Callable[..., Iterator[Network]]:
     shared_network,
     noisy_network,
     ring_network,
-    chain_network,
     queueing_network,
     netqasm_network,
     keys_network,

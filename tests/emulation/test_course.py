@@ -12,7 +12,7 @@ import pytest
 from topologies.system.processes.programs import ROOT
 
 SOLUTIONS = ROOT / "examples" / "solutions"
-SWAP = "swap --topology repeaters,repeaters=3 --purify 1 --length-km 20 --count 300 --sample 0.5"
+SWAP = "swap --topology chain,3 --purify 1 --length-km 20 --count 300 --sample 0.5"
 DONE = {
     1: [
         "sdc --depolarizing 0.01 --fec golay --interleave --frame-bytes 16 --message "

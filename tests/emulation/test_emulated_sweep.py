@@ -163,12 +163,12 @@ def test_a_network_of_one_s_own_is_swept_between_hosts_of_any_names(tmp_path: Pa
     assert distance <= 5 * float(line["arrived_standard_error"])
 
 
-def test_a_chain_of_repeaters_is_swept_against_the_life_of_all_memories(tmp_path: Path) -> None:
+def test_a_chain_of_switches_is_swept_against_the_life_of_all_memories(tmp_path: Path) -> None:
     """Pairs dephase by the sum of all their waits (docs/swapping.md), here some tenths of T2.
 
     Points that differ in the sample alone share a network.
     """
-    words = ["--repeaters", "1:2", "--node.memory.t2_s", "2ms", "--length-km", "5km"]
+    words = ["--switches", "1:2", "--node.memory.t2_s", "2ms", "--length-km", "5km"]
     words += ["--count", "2000", "--sample", "0.3,0.5", "--out", str(tmp_path)]
     command = [*COMMAND[:5], "swap", *words]
     done = subprocess.run(
@@ -180,7 +180,7 @@ def test_a_chain_of_repeaters_is_swept_against_the_life_of_all_memories(tmp_path
     (table,) = tmp_path.glob("*.csv")
     with table.open() as file:
         rows = [*csv.DictReader(file)]
-    places = [(row["repeaters"], row["sample"]) for row in rows]
+    places = [(row["switches"], row["sample"]) for row in rows]
     assert places == [("1", "0.3"), ("1", "0.5"), ("2", "0.3"), ("2", "0.5")]
     for row in rows:
         fidelity = (1 + exp(-float(row["waiting_s"]) / 2e-3)) / 2

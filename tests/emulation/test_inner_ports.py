@@ -38,7 +38,7 @@ class Crossing(Line):
 def session(network: Network, ends: tuple[str, str], port: int, **options: Any) -> dict[str, Any]:
     """Have pairs of two hosts; return what the opener learns."""
     with blocking_session(
-        network.runtime.socket, "switch_swap", ends, port, limit_s=60.0, **options
+        network.runtime.socket, "swap", ends, port, limit_s=60.0, **options
     ) as asked:
         asked.results()
         asked.end()

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from applications.ghz.service import GhzFigures
+from qmn.jobs.counted_service import PARTS
 from qmn.options import BadInput
 from qmn.results.run_result import RunResult
 from qmn.scripting import run, start, start_for
@@ -31,14 +32,17 @@ def asked(result: RunResult) -> PairFigures:
 def test_pairs_of_two_swaps_dephase_by_the_sum_of_their_waits(tmp_path: Path) -> None:
     """The sum is that of docs/swapping.md; T2 is the same of all memories, and T1 endless."""
     t2_s = 0.003
-    memories = [f"{host}.memory.t2_s={t2_s}" for host in ("alice", "r1", "r2", "bob")]
+    memories = [f"{host}.memory.t2_s={t2_s}" for host in ("alice", "bob")]
+    parts = [*PARTS, f"memory.t2_s={t2_s}"]
     wanted = {"count": 3000, "sample": 0.5}
-    with start_for("swap", tmp_path, repeaters=2, length_km=10, device=memories) as network:
+    with start_for(
+        "swap", tmp_path, switches=2, length_km=10, device=memories, switch=parts
+    ) as network:
         first = network.run("swap", **wanted)
-        second = network.run("swap", repeaters=2, **wanted)
+        second = network.run("swap", switches=2, **wanted)
     for result in (first, second):
         figures = asked(result)
-        assert (result.delivered, figures.pairs, result.sessions.granted) == (True, 3000, 4)
+        assert (result.delivered, figures.pairs, result.sessions.granted) == (True, 3000, 1)
         assert figures.repeaters_waited_ms is not None
         assert figures.waited_ms is not None
         waits_s = 2 * (sum(figures.repeaters_waited_ms) + figures.waited_ms) / 1000
@@ -49,7 +53,7 @@ def test_pairs_of_two_swaps_dephase_by_the_sum_of_their_waits(tmp_path: Path) ->
         assert abs(figures.fidelity - expected) < error
     assert second.pairs_made == first.pairs_made  # of a job alone, not of all so far
     assert (tmp_path / "2-swap" / "result.json").is_file()
-    assert second.rows()[0]["repeaters"] == 2
+    assert second.rows()[0]["switches"] == 2
 
 
 def test_all_kinds_of_jobs_follow_each_other_and_impossible_ones_are_refused() -> None:
@@ -70,7 +74,7 @@ def test_all_kinds_of_jobs_follow_each_other_and_impossible_ones_are_refused() -
             ("qkd", {"eve": 0.1}, r"start_for\('qkd', eve=0.1\)"),
             ("qkd", {"protocol": "mdi"}, r"start_for\('qkd', protocol='mdi'\)"),
             ("qkd", {"protocol": "mid"}, "did you mean mdi"),
-            ("swap", {"purify": 1}, r"start_for\('swap', purify=1\)"),
+            ("swap", {"purify": 1}, "analyser between them: choose --topology chain,3"),
         ):
             with pytest.raises(BadInput, match=why):
                 network.run(job, **options)

@@ -88,18 +88,6 @@ def agreements(logs: Path) -> list[bool]:
     return [ours == theirs for ours, theirs in zip(*told, strict=True)]
 
 
-def test_pairs_come_by_repeaters_where_no_light_does(
-    chain_network: Network, tmp_path: Path
-) -> None:
-    logs = chain_network.runtime.logs
-    before = len((logs / "quantum.log").read_text())
-    place = ("client=alice", "server=bob")
-    played(chain_network, tmp_path, APPS / "link_layer_md", place=place)
-    assert agreements(logs) == [False] * 10  # of Phi+ the outcomes along Y differ
-    log = (logs / "quantum.log").read_text()[before:]
-    assert re.search(r" r1 +bell-measure ", log)
-
-
 def test_pairs_are_measured_at_both_ends_of_a_noisy_network(tmp_path: Path) -> None:
     """The application measures ten pairs along Y, where the outcomes of Phi+ differ.
 

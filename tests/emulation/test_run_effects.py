@@ -106,8 +106,10 @@ def test_light_is_counted_in_the_gate_that_it_comes_in(tmp_path: Path) -> None:
 @pytest.mark.nightly
 def test_the_h_of_a_bell_measurement_by_gates_errs_behind_the_cx(tmp_path: Path) -> None:
     """Half of p1 = .2 takes Phi+ for Phi-: F = .90, where noise before the CX gave .8526."""
-    words = ["swap", "--count", "400", "--sample", "0.8"]
-    words += devices(r1__analyser__kind="gates", r1__gates__one_qubit_depolarizing=0.2)
+    words = ["swap", "--topology", "chain,1", "--count", "400", "--sample", "0.8"]
+    for part in ("analysers=1", "memories=2", "analyser.kind=gates"):
+        words += ["--switch", part]
+    words += ["--switch", "gates.one_qubit_depolarizing=0.2"]
     require_estimate(result_of(tmp_path, *words)["job"]["asking"], polarised(0.9), 0.0)
 
 
@@ -129,13 +131,11 @@ def test_photons_whose_ways_differ_by_less_than_a_nanosecond_interfere_less(
 @pytest.mark.nightly
 def test_pairs_in_time_bins_swap_by_the_overlap_of_their_polarisations(tmp_path: Path) -> None:
     """Scrambled for each photon again, it is 1/2 on average: F = (1 + V) / 2."""
-    words = ["swap", "--count", "400", "--sample", "0.8", *SCRAMBLED]
-    for part in (
-        "alice__source",
-        "r1__source",
-        *(f"{h}__detectors" for h in ("alice", "r1", "bob")),
-    ):
-        words += devices(**{f"{part}__encoding": "time-bin"})
+    words = ["swap", "--topology", "chain,1", "--count", "400", "--sample", "0.8", *SCRAMBLED]
+    for part in ("analysers=1", "memories=2", "detectors.encoding=time-bin"):
+        words += ["--switch", part]
+    for part in ("source", "detectors"):
+        words += ["--device", f"*.{part}.encoding=time-bin"]
     require_estimate(result_of(tmp_path, *words)["job"]["asking"], polarised(0.75), 0.0)
 
 

@@ -1,4 +1,4 @@
-"""A repeater whose gates take time and whose readings err, over the real components."""
+"""A switch that swaps by gates that take time and readings that err; the real components."""
 
 from math import exp
 from pathlib import Path
@@ -17,17 +17,12 @@ def fidelity(wait_s: float) -> float:
 
 
 @pytest.mark.nightly
-def test_ends_decohere_while_a_repeater_swaps(tmp_path: Path) -> None:
-    words = ["swap", "--count", "300", "--sample", "0.8", "--time", f"paced={SCALE}"]
-    told = {
-        "r1.analyser.kind": "gates",
-        "r1.gates.two_qubit_s": GATE_S,
-        "r1.gates.readout_error": ERROR,
-        "alice.memory.t2_s": T2_S,
-        "bob.memory.t2_s": T2_S,
-    }
-    for name, value in told.items():
-        words += ["--device", f"{name}={value}"]
+def test_ends_decohere_while_a_switch_swaps(tmp_path: Path) -> None:
+    words = ["swap", "--topology", "chain,1", "--count", "300", "--sample", "0.8"]
+    words += ["--time", f"paced={SCALE}", "--device", f"*.memory.t2_s={T2_S}"]
+    for part in ("analysers=1", "memories=2", "analyser.kind=gates"):
+        words += ["--switch", part]
+    words += ["--switch", f"gates.two_qubit_s={GATE_S}", "--switch", f"gates.readout_error={ERROR}"]
     asking = result_of(tmp_path, *words)["job"]["asking"]
     assert asking["sampled"] >= 1_000
     # Beside the gate, messages and programs: of the latter 50 ms here at most, in all.

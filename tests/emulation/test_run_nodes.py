@@ -1,4 +1,4 @@
-"""Distribution, swapping and teleportation on ion-trap-like nodes, over the real components.
+"""Distribution and teleportation on ion-trap-like nodes, over the real components.
 
 Fidelities are held against the closed form of the devices' numbers, within 5 standard errors.
 """
@@ -22,7 +22,6 @@ BELL_GATES = (1 - ION_TRAP.gates.one_qubit_depolarizing) * (
 READ = 1 - 2 * ION_TRAP.gates.readout_error  # what a reading leaves of a correlation
 BITS = READ ** (4 / 3)  # two bits that correct: of three correlations they flip one, one, or both
 BLOCK_S = ION_TRAP.memory.capacity / RATE_HZ
-GOOD = "source.fidelity=0.99"  # of photonic hosts beside ions
 
 
 def run(runs: Path, *words: str) -> "subprocess.CompletedProcess[str]":
@@ -128,43 +127,9 @@ def test_ion_traps_teleport(tmp_path: Path) -> None:
     assert abs(alice["fidelity"] - expected) < 5 * sqrt(expected * (1 - expected) / 1000)
 
 
-@pytest.mark.nightly
-@pytest.mark.parametrize("mixed", [False, True])
-def test_an_ion_trap_is_the_repeater_of_its_like_and_of_photonic_hosts(
-    tmp_path: Path, mixed: bool
-) -> None:
-    words = ["--node", "ion-trap", *with_source("alice", "r1")]
-    if mixed:
-        words = ["--node", "photonic", "--node", "r1=ion-trap", *with_source("r1")]
-        words += ["--device", f"alice.{GOOD}"]
-    words += ["--count", "12", "--fidelity", "0.8", "--sample", "0.8"]
-    result = result_of(tmp_path, "swap", *words)
-    alice, bob = result["job"]["asking"], result["job"]["asked"]
-    assert alice["pairs"] == bob["pairs"] == 12
-    links = polarised(0.99 if mixed else PAIR) * polarised(PAIR)
-    require_estimate(alice, links * BELL_GATES * BITS * READ**2, 4 * alice["elapsed_s"])
-    # A block is no larger than what the ions of the repeater take, for both links.
-    assert largest_block_of("r1", log_of(tmp_path)) == ION_TRAP.memory.capacity // 2
-
-
-def largest_block_of(host: str, log: list[str]) -> int:
-    """Return how many pairs the largest block has that a host has made."""
-    made = [line for line in log if f" {host} " in line and " create " in line]
-    return max(int(line.partition("photons=")[2].split()[0]) for line in made)
-
-
 def log_of(runs: Path) -> list[str]:
     """Return what happened to qubits, a line an event."""
     return (runs / "latest" / "quantum.log").read_text().splitlines()
-
-
-@pytest.mark.nightly  # by day: tests/unit/controller_apps/test_node_features.py
-def test_a_repeater_without_a_memory_is_refused_to_who_asks_by_name_and_remedy(
-    tmp_path: Path,
-) -> None:
-    done = run(tmp_path, "swap", "--device", "r1.memory.capacity=0", "--count", "5")
-    assert done.returncode == 1
-    assert "swap: r1 has no memory, or one that is too small (feature store)" in done.stderr
 
 
 @pytest.mark.nightly

@@ -1,4 +1,4 @@
-"""Nested purification in a chain of three repeaters, real components, beside papers' formulas."""
+"""Nested purification in a chain of three switches, real components, beside papers' formulas."""
 
 from math import sqrt
 from pathlib import Path
@@ -102,7 +102,7 @@ def test_switches_with_noisy_gates_purify_as_hosts_do(tmp_path: Path) -> None:
     ends = [f"--device={host}.{error}" for host in ("alice", "bob") for error in errors]
     parts = ["analyser.kind=gates", "analysers=1", "memories=2", "sources=1", *errors]
     switches = [f"--switch={part}" for part in parts]
-    hosts = ["swap", "--topology", "repeaters,3", "--purification", "none", "--purify", "1"]
+    hosts = ["swap", "--topology", "chain,3", "--purification", "none", "--purify", "1"]
     hosts += [f"--device=*.{part}" for part in (f"source.fidelity={FIDELITY}", *errors)]
     found = [
         result_of(tmp_path / name, *words, *more)["job"]["asking"]
@@ -120,11 +120,11 @@ def test_switches_with_noisy_gates_purify_as_hosts_do(tmp_path: Path) -> None:
 @pytest.mark.nightly
 @pytest.mark.parametrize("rounds", [1, 0])
 def test_spans_are_purified_before_they_are_swapped(tmp_path: Path, rounds: int) -> None:
-    words = ["swap", "--topology", "repeaters,3", "--purification", "none"]
+    words = ["swap", "--topology", "chain,3", "--purification", "none"]
     words += ["--schedule", "nested", "--purify", str(rounds)] if rounds else []
     words += ["--count", "200", "--sample", "0.8"]
-    for host in ("alice", "r1", "r2", "r3"):
-        words += ["--device", f"{host}.source.fidelity={FIDELITY}"]
+    words += ["--device", f"*.source.fidelity={FIDELITY}"]
+    words += ["--switch", f"source.fidelity={FIDELITY}"]
     asking = result_of(tmp_path, *words)["job"]["asking"]
     assert asking["pairs"] == 200
     require_estimate(asking, polarised(nested(rounds)), 0.0)

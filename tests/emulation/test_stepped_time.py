@@ -23,7 +23,7 @@ BUSY = 4  # programs
 JOBS = (
     "sdc",
     "teleport --length-km 20 --device bob.memory.t2_s=0.01",
-    "swap --repeaters 4",
+    "swap --topology chain,4",
     "qkd --protocol bb84",
     "ghz",
     "distribute --node nv-centre --node charlie=station --count 8 --sample 0 --length-km 0.01",

@@ -144,7 +144,7 @@ def swapping(
 
 def swapped(network: Network, **options: Any) -> dict[str, Any]:
     """Let alice and bob swap by way of q1."""
-    return served(network, "switch_swap", "alice", "bob", **{"block_pairs": 4000, **options})
+    return served(network, "swap", "alice", "bob", **{"block_pairs": 4000, **options})
 
 
 def require_nothing_left(network: Network) -> None:

@@ -206,8 +206,6 @@ CARRIERS = {
     "applications/teleportation/teleport.py",
     f"{SERVICES}/distribution/distribute.py",
     f"{SERVICES}/superdense/superdense.py",
-    f"{SERVICES}/swapping/connections.py",
-    f"{SERVICES}/swapping/swap.py",
 }
 # What an end of a session says and makes of what it hears; others carry it.
 PROTOCOLS = [

@@ -110,10 +110,7 @@ def _device() -> dict[str, Any]:
             for kind in device.kinds().values()
             if (each := kind.ELEMENTS)
         },
-        "max_repeaters": device.MAX_REPEATERS,
         "most_estimate": monitor_messages.MOST,
-        "max_level_rounds": device.MAX_LEVEL_ROUNDS,
-        "max_under_way": device.MAX_UNDER_WAY,
         "trailer": device.TRAILER.size,
         "tag": device.TAG_BYTES,
         "unset": device.UNSET,

@@ -17,14 +17,17 @@ Ages = dict[tuple[str, int], float]  # of a node's half of a link, the oldest, i
 
 def chain_of(events: Iterable[Event], begin: str) -> tuple[list[str], Ages]:
     """Return the nodes in their order, by the links that events are of, and ages of qubits."""
-    links: dict[int, dict[int, str]] = {}  # session: which node has which half
+    # Which node has which half, by session; numbers of both ends' own blocks alternate.
+    links: dict[tuple[int, int], dict[int, str]] = {}
     ages: Ages = {}
     for event in events:
         if event.kind not in (*USED, "store") or event.block.half not in HALVES:
             continue
-        links.setdefault(event.block.session, {}).setdefault(event.block.half, event.node)
+        node, block = event.node.partition("-")[0], event.block  # of a switch: its memory
+        link = links.setdefault((block.session, block.number % 2), {})
+        link.setdefault(block.half, node)
         if event.kind in USED and (found := AGE.search(event.detail)):
-            key = event.node, event.block.session
+            key = node, block.session
             ages[key] = max(ages.get(key, 0.0), float(found[1]))
     ends = [tuple(link.values()) for _session, link in sorted(links.items()) if len(link) == 2]
     nodes = [begin]

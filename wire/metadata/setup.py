@@ -42,7 +42,7 @@ class Setup(Message):
     frame_bytes: int
     rate_hz: int
     port: int = 0  # the application's port, as in TCP
-    # ONE_PAIR: number of the pair. SWITCH_SWAP: switches that the controller has swap; 0: none.
+    # ONE_PAIR: number of the pair. SWAP: switches that the controller has swap; 0: none.
     block: int = 0
     encoding: int = PAPER_ENCODING  # proposed; the answer says which one is used
     fec: int = Fec.NONE  # error-correction code; a receiver refuses one that it does not know

@@ -52,9 +52,7 @@ class Topic(IntEnum):
     # 1 Psi+, 2 Phi-, 3 Psi-.
     HERALDED = 34
     DELIVER = 33  # a number of pairs, which are numbered from then on; answered
-    # A repeater has swapped: its place, and for how many us both halves of a pair have waited;
-    # ARRIVED and CORRECTIONS follow. Of switches: which analysers, and their numbers of the block.
-    SWAPPED = 36
+    SWAPPED = 36  # by which analysers, and their numbers of the block
 
 
 @dataclass(frozen=True)

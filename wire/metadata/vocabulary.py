@@ -22,10 +22,8 @@ class Service(IntEnum):
     SDC = 1  # superdense coding
     PAIR_SOURCE = 2  # of an open session: its pairs
     DISTRIBUTE = 3  # entanglement distribution
-    SWAP = 7  # entanglement swapping, by way of repeaters
-    LINK = 8  # between neighbours of such a chain: the opener makes pairs and keeps half of each
     SDC_RETURN = 9  # superdense coding back to the opener of a session of it, with its light
-    SWITCH_SWAP = 17  # swapping by a switch's Bell analyser, to which both ends send halves
+    SWAP = 17  # entanglement swapping by switches, to which both ends send halves of pairs
     members = vars()
     for registered in registered_services():
         # From Python 3.13 on a class also has the number of its first line.
@@ -106,7 +104,6 @@ class Reason(IntEnum):
     NOT_ALLOWED = 15
     LOSS_TOO_HIGH = 16
     NO_WAVELENGTH = 17
-    NODE_SILENT = 18  # written by the controller, with the address of that node as source
     # Written by the controller, with the address of the node that lacks the feature as source.
     CANNOT_EMIT = 19
     CANNOT_STORE = 20

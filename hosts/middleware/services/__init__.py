@@ -6,10 +6,9 @@ from functools import cache
 from importlib.metadata import EntryPoint
 from types import MappingProxyType
 
-from hosts.middleware.services import switch_swap
+from hosts.middleware.services import swapping
 from hosts.middleware.services.distribution import distribute
 from hosts.middleware.services.superdense import superdense
-from hosts.middleware.services.swapping import swap
 from hosts.middleware.session.ends import ServiceKind
 from wire.light import GROUP, registered_services
 from wire.metadata.vocabulary import Service
@@ -25,8 +24,7 @@ def kinds() -> Mapping[Service, ServiceKind]:
         superdense.KIND,
         superdense.RETURN_KIND,
         distribute.KIND,
-        swap.KIND,
-        switch_swap.KIND,
+        swapping.KIND,
     )
     return MappingProxyType({kind.service: kind for kind in (*own, *_theirs())})
 

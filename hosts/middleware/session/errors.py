@@ -31,10 +31,8 @@ REMEDIES = {
     Reason.SWITCH_TIMEOUT: "the quantum switch was not ready in time; is its agent running?",
     Reason.SETUP_UNSEEN: "a quantum switch has got no copy of the set-up message itself, and the "
     "network demands it (`--metadata-at-switch required`); is its copper whole?",
-    Reason.NODE_SILENT: "a node of the chain has not answered the controller's order; is its "
-    "stack running?",
-    Reason.NO_CHAIN: "no chain of 1 to 64 repeaters joins these hosts; a repeater is a host with "
-    "two whole fibres at least, and light to its neighbours within the loss budget",
+    Reason.NO_CHAIN: "no chain of 1 to 64 switches that swap joins these hosts; each needs a free "
+    "Bell analyser, of several also two memories and a source (`--switch analysers=1`)",
 }
 
 SAME_VERSION = "do both hosts run the same version?"

@@ -8,7 +8,6 @@ import numpy as np
 
 from hosts.hardware.qnic import Qnic
 from hosts.middleware.session.encoding import DISTINGUISHABLE_STATES
-from hosts.middleware.session.swap_orders import Swaps
 from hosts.middleware.session.values import Lifetimes
 from wire.features import NodeFeatures
 from wire.optical import ANY_WAVELENGTH, frequency_mhz
@@ -47,7 +46,6 @@ class HostResources:
     analyser: str  # its kind of Bell analyser (wire.parameters.physics.ANALYSERS)
     pair_secrets: str  # folder of the secrets that hosts share two by two; "": there is none
     keys: str  # folder of this host's keys; "": there is none
-    swaps: Swaps  # the chains of repeaters that it is part of
     node_features: NodeFeatures
     multi_photon: float  # how likely a pulse of its source has several photons
     intensities: tuple[float, ...]  # mean photon numbers of its pulses: signal, then decoys

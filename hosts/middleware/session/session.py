@@ -156,7 +156,6 @@ class OpeningSession(Session):
 
     async def close(self) -> None:
         self._arrangement.close()
-        self._resources.swaps.forget(self._setup.session)
         await release(self._resources.qnic, self._setup.session)
 
 

@@ -5,24 +5,20 @@ from dataclasses import replace
 
 import pytest
 from metadata_scene import ALICE, BOB, CHARLIE, FIBERS, FRAMED, Q1, arbiter, frame, payload_of
-from test_chains import line
 
 from controller_apps.console.views import node_features_view
 from controller_apps.light.optics import SwitchPort
-from controller_apps.light.paths import HostPort, Network
-from controller_apps.light.routing import Limits
+from controller_apps.light.paths import Network
 from controller_apps.packets import FiveTuple
-from controller_apps.sessions.actions import Forward, Note, OpenPaths, SwapsOrdered
+from controller_apps.sessions.actions import Forward, Note, OpenPaths
 from controller_apps.sessions.admission import Admission, find_light
-from controller_apps.sessions.chains import find_chain, repeaters_of
-from controller_apps.sessions.node_features import blocks_under_way, want_of_repeater
 from controller_apps.sessions.sessions import Sessions
 from wire.features import EMIT, EVERYTHING, GATE, MEASURE, STORE, Feature, NodeFeatures
 from wire.light import Role
 from wire.metadata.decoding import decode
 from wire.metadata.header import METADATA_PORT
 from wire.metadata.setup import Setup
-from wire.metadata.vocabulary import MemoryState, Reason, Service, Verdict
+from wire.metadata.vocabulary import Reason, Service, Verdict
 from wire.services import NEEDS, WANT_OF
 
 ADDRESSES = {Role.OPENER: ALICE, Role.ACCEPTOR: BOB, Role.SOURCE: CHARLIE}
@@ -97,8 +93,6 @@ def test_blocks_are_no_larger_than_the_smallest_memory_that_keeps_them() -> None
     assert admission(of(Service.DISTRIBUTE), network).block_pairs == 32
     assert admission(of(Service.DISTRIBUTE, pairs=20), network).block_pairs == 20
     assert admission(of(Service["BBM92"]), network).block_pairs == FRAMED.pairs  # nothing is kept
-    # A repeater keeps a half of the pairs of both its links.
-    assert admission(of(Service.SWAP), network).block_pairs == 3
 
 
 def test_ports_that_tell_different_things_are_believed_what_all_of_them_say() -> None:
@@ -183,65 +177,6 @@ def opened(actions: Sequence[object]) -> list[OpenPaths]:
     return [action for action in actions if isinstance(action, OpenPaths) and action.hops]
 
 
-@pytest.mark.parametrize(
-    ("node_features", "feature"),
-    [
-        (without(EMIT), EMIT),
-        (without(STORE), STORE),
-        (without(MEASURE), MEASURE),
-        (without(GATE), None),  # a Bell measurement is enough
-        (NodeFeatures(EVERYTHING, 1), STORE),  # a repeater keeps two halves
-        (NodeFeatures(EVERYTHING, 2), None),
-        (None, None),
-    ],
-)
-def test_a_repeater_must_emit_store_two_qubits_and_measure(
-    node_features: NodeFeatures | None, feature: Feature | None
-) -> None:
-    want = want_of_repeater(announced({CHARLIE: node_features}), CHARLIE)
-    assert (want and want.feature) == feature
-
-
-def test_a_swap_by_way_of_a_host_that_cannot_is_refused_by_its_name() -> None:
-    actions, answer = verdict(of(Service.SWAP), announced({CHARLIE: without(MEASURE)}))
-    assert (answer.reason, answer.source) == (Reason.CANNOT_MEASURE, CHARLIE)
-    assert not any(isinstance(action, SwapsOrdered) for action in actions)
-
-
-def two_ways(middle: NodeFeatures | None) -> tuple[Network, list[str]]:
-    """Return alice, r1, bob in a line, and beside it the longer way by r2 and r3."""
-    found, (alice, r1, bob) = line(1)
-    found.connected.add(3)
-    for place in [at for at, host in found.hosts.items() if host.address == r1]:
-        found.hosts[place] = replace(found.hosts[place], node_features=middle)
-    r2, r3 = "10.0.1.2", "10.0.1.3"
-    found.attach(SwitchPort(1, 3), HostPort("r2", r2, "r2-q0"))
-    found.attach(SwitchPort(3, 1), HostPort("r2", r2, "r2-q1"))
-    found.attach(SwitchPort(3, 2), HostPort("r3", r3, "r3-q0"))
-    found.attach(SwitchPort(2, 3), HostPort("r3", r3, "r3-q1"))
-    return found, [alice, r1, bob, r2, r3]
-
-
-def test_a_chain_goes_round_a_host_that_cannot_be_a_repeater() -> None:
-    for node_features, longer in [(None, False), (ABLE, False), (without(STORE), True)]:
-        network, (alice, r1, bob, r2, r3) = two_ways(node_features)
-        found = admission_of_swap(network, alice, bob)
-        assert repeaters_of(found.chain) == ([r2, r3] if longer else [r1])
-        assert found.reason == Reason.OK
-
-
-def admission_of_swap(network: Network, opener: str, acceptor: str) -> Admission:
-    """Return what becomes of a request for a swap."""
-    setup = of(Service.SWAP, source=opener)
-    connection = FiveTuple(opener, 40_000, acceptor, METADATA_PORT)
-    return find_light(setup, connection, Sessions(), network, 30_000)
-
-
-def test_without_abilities_asked_about_any_host_of_two_fibres_is_a_repeater() -> None:
-    network, (alice, r1, bob, *_others) = two_ways(without(STORE))
-    assert repeaters_of(find_chain(network, alice, bob, Limits()) or ()) == [r1]
-
-
 def test_devices_are_shown_with_what_they_can_do() -> None:
     network = announced({BOB: NodeFeatures(STORE | MEASURE, 32), CHARLIE: None})
     view = node_features_view(network)
@@ -249,21 +184,3 @@ def test_devices_are_shown_with_what_they_can_do() -> None:
     features = ["emit", "store", "gate", "measure", "herald", "interfere", "absorb"]
     assert view["alice"]["features"] == features
     assert "charlie" not in view
-
-
-@pytest.mark.parametrize(
-    ("qubits", "pairs", "blocks"),
-    [(64, 8, 4), (48, 8, 3), (33, 8, 2), (31, 8, 1), (16, 8, 1), (2, 8, 1), (0, 0, 4)],
-)
-def test_as_many_blocks_are_under_way_as_fit_into_the_smallest_memory(
-    qubits: int, pairs: int, blocks: int
-) -> None:
-    """A repeater keeps two halves of each pair; one block at least, and four at most."""
-    network, (alice, r1, bob, *_others) = two_ways(
-        NodeFeatures(EVERYTHING, qubits) if qubits else None
-    )
-    setup = replace(of(Service.SWAP, source=alice), pairs=pairs or 8)
-    hosts = {Role.OPENER: alice, Role.ACCEPTOR: bob}
-    assert blocks_under_way(setup, hosts, [r1], network) == blocks
-    heralded = replace(setup, memory=MemoryState.HERALDED)
-    assert blocks_under_way(heralded, hosts, [r1], network) == min(blocks, 2)

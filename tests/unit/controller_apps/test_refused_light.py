@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import pytest
 from metadata_scene import ALICE, BOB, FRAMED, S1, frame, payload_of, rotating
-from test_chains import SWAP, line
 
 from controller_apps.light.optics import SwitchOptics, SwitchPort
 from controller_apps.light.paths import HostPort, Network
@@ -86,20 +85,12 @@ def test_a_host_with_too_few_fibres_is_named() -> None:
     assert (answer.reason, detail) == (Reason.NO_PATH, f"NO_PATH: {answer.obstacle}")
 
 
-def test_a_chain_whose_fibre_is_cut_is_refused_by_the_name_of_the_fibre() -> None:
-    found, addresses = line(1)
-    ends = addresses[0], addresses[-1]
-    port = found.ports_of(ends[0])[0]
-    host, switch = found.hosts[port], found.name_of(port.dpid)
-    found.set_fiber(port, whole=False)
-    state = Arbiter(found, 5.0, 30.0)
-    segment = frame(SWAP.encode(), sport=40_000, source=ends[0], destination=ends[1])
-    actions = state.segment_arrived(S1, 1, segment, 0.0)
-    (sent,) = (action for action in actions if isinstance(action, Forward))
-    answer = decode(payload_of(sent.frame))
-    assert isinstance(answer, Setup)
+def test_a_chain_of_switches_whose_fibre_is_cut_is_refused_by_the_name_of_the_fibre() -> None:
+    found = two_switches()
+    found.set_fiber(SwitchPort(1, 1), whole=False)
+    answer, _detail = refusal(found, replace(KEYS, service=Service.SWAP, block=2))
     assert answer.reason == Reason.FIBER_CUT
-    assert answer.obstacle == f"fibre {host.host}-{switch} ({host.name}) is cut"
+    assert answer.obstacle == "fibre alice-q1 (alice-q0) is cut"
 
 
 def test_the_policy_says_so_by_a_word() -> None:

@@ -35,7 +35,7 @@ def golden() -> bytes:
     data += struct.pack("!IBII", 100, 3, FRAMED.pairs, FRAMED.wavelength_pm) + FRAMED.encode()
     for _dpid, in_port, out_port in HOPS:
         data += struct.pack("!IBBQII", 0, 3, 1, Q1, in_port, out_port)
-    return data + b"\0"  # no chain of repeaters
+    return data
 
 
 def test_a_session_is_kept_as_these_bytes() -> None:

@@ -65,7 +65,7 @@ def asked(
     arbiter: Arbiter, count: int, session: int = 7, sport: int = 40_000, heralded: bool = False
 ) -> list[Action]:
     """Ask for a chain of this many switches."""
-    setup = replace(FRAMED, service=Service.SWITCH_SWAP, source=ALICE, block=count, session=session)
+    setup = replace(FRAMED, service=Service.SWAP, source=ALICE, block=count, session=session)
     if heralded:
         setup = replace(setup, memory=MemoryState.HERALDED)
     data = frame(setup.encode(), sport=sport)

@@ -17,7 +17,7 @@ from evidence.networks import job_sweep, metrics
 from evidence.networks.job_sweep import grid_of, options_of
 from wire.results.run_result import ServiceJob
 
-AXES: dict[str, object] = {"repeaters": "1:3", "node.memory.t2_s": "10ms,0.1", "count": "100:300:3"}
+AXES: dict[str, object] = {"switches": "1:3", "node.memory.t2_s": "10ms,0.1", "count": "100:300:3"}
 
 
 def sweep() -> Grid:
@@ -26,21 +26,28 @@ def sweep() -> Grid:
 
 def test_axes_are_options_and_settings_of_every_host() -> None:
     assert sweep().axes == {
-        "repeaters": [1, 2, 3],
+        "switches": [1, 2, 3],
         "node.memory.t2_s": [0.01, 0.1],
         "count": [100, 200, 300],
     }
-    axes: Values = {"schedule": "nested", "q1-r1.length_km": 5.0, "switch.insertion_loss_db": 1.0}
-    options = options_of({**axes, "r1.memory.t2_s": 0.5, "purify": 1}, 7)
+    axes: Values = {"schedule": "nested", "q1-q2.length_km": 5.0, "switch.insertion_loss_db": 1.0}
+    options = options_of("swap", {**axes, "bob.memory.t2_s": 0.5, "purify": 1}, 7)
     assert options == {
         "seed": 7,
         "time": "stepped",
         "schedule": "nested",
         "purify": 1,
-        "fiber": ["q1-r1.length_km=5.0"],
+        "fiber": ["q1-q2.length_km=5.0"],
         "switch": ["insertion_loss_db=1.0"],
-        "device": ["r1.memory.t2_s=0.5"],
+        "device": ["bob.memory.t2_s=0.5"],
     }
+
+
+def test_the_memories_of_all_nodes_of_a_swap_are_those_of_switches_too() -> None:
+    values: Values = {"node.memory.t2_s": 0.5}
+    assert options_of("swap", values, 7)["switch"] == ["memory.t2_s=0.5"]
+    assert options_of("swap", values, 7)["device"] == ["*.memory.t2_s=0.5"]
+    assert "switch" not in options_of("teleport", values, 7)
 
 
 def test_points_that_differ_in_the_job_alone_share_a_network() -> None:
@@ -48,7 +55,7 @@ def test_points_that_differ_in_the_job_alone_share_a_network() -> None:
     groups = [*grid.experiment.groups([*grid.points()])]
     assert [len(group) for group in groups] == [3] * 6
     for group in groups:
-        assert len({(values["repeaters"], values["node.memory.t2_s"]) for values in group}) == 1
+        assert len({(values["switches"], values["node.memory.t2_s"]) for values in group}) == 1
     fractions = grid_of("qkd", {"eve": "0:0.3:120"})
     assert [len(each) for each in fractions.experiment.groups([*fractions.points()])] == [
         50,
@@ -58,7 +65,7 @@ def test_points_that_differ_in_the_job_alone_share_a_network() -> None:
 
 
 def test_rows_are_in_the_order_of_the_grid_though_networks_end_in_another(tmp_path: Path) -> None:
-    grid = grid_of("swap", {"repeaters": "1:4"})
+    grid = grid_of("swap", {"switches": "1:4"})
     nothing = {each.name: NOTHING for each in metrics.METRICS}
     come: list[Outcome] = [{**nothing, "fidelity": Estimate(n / 4, 0.1)} for n in range(1, 5)]
 
@@ -71,11 +78,11 @@ def test_rows_are_in_the_order_of_the_grid_though_networks_end_in_another(tmp_pa
     assert [line.split(",")[:2] for line in lines] == [["1", str(n)] for n in range(1, 5)]
 
 
-@pytest.mark.parametrize("repeaters", [1, 4])
-def test_theory_of_a_chain_is_that_of_dephasing_by_all_waits(repeaters: int) -> None:
-    """As tests/emulation/test_run_swap.py has it, whose fibres depolarise as well."""
-    values: Values = {"repeaters": repeaters, "depolarizing": 0.01, "node.memory.t2_s": 0.2}
-    fidelity = (1 + 0.99 ** (2 * (repeaters + 1)) * (1 + 2 * exp(-0.03 / 0.2))) / 4
+@pytest.mark.parametrize("switches", [1, 4])
+def test_theory_of_a_chain_is_that_of_dephasing_by_all_waits(switches: int) -> None:
+    """As tests/emulation/test_run_swap.py has it; a link is one fibre, which depolarises."""
+    values: Values = {"switches": switches, "depolarizing": 0.01, "node.memory.t2_s": 0.2}
+    fidelity = (1 + 0.99 ** (switches + 1) * (1 + 2 * exp(-0.03 / 0.2))) / 4
     found = metrics.pair_fidelity("swap", {**values, "waiting_s": 0.03})
     assert found == pytest.approx(fidelity)
     assert metrics.pair_fidelity("swap", {**values, "waiting_s": nan}) is None
@@ -83,22 +90,22 @@ def test_theory_of_a_chain_is_that_of_dephasing_by_all_waits(repeaters: int) -> 
 
 
 def test_a_figure_has_the_theory_of_each_point_by_its_measured_wait() -> None:
-    grid = grid_of("swap", {"repeaters": "1:3", "node.memory.t2_s": "0.1"})
+    grid = grid_of("swap", {"switches": "1:3", "node.memory.t2_s": "0.1"})
     nothing = {each.name: NOTHING for each in metrics.METRICS}
     rows = [
         (
             values,
             {
                 **nothing,
-                "waiting_s": Estimate(0.01 * int(values["repeaters"]), 0.0),
-                "fidelity": Estimate((1 + exp(-0.1 * int(values["repeaters"]))) / 2, 0.01),
+                "waiting_s": Estimate(0.01 * int(values["switches"]), 0.0),
+                "fidelity": Estimate((1 + exp(-0.1 * int(values["switches"]))) / 2, 0.01),
             },
         )
         for values in grid.points()
     ]
     assert running.disagreements(grid.experiment, rows) == []
     (picture,) = [each for each in pictures(grid, rows) if each.measure.name == "fidelity"]
-    assert picture.x.name == "repeaters"
+    assert picture.x.name == "switches"
     ((_label, points),) = picture.series
     assert [picture.measure.theory(values) for values, _ in points] == pytest.approx(
         [estimate.value for _values, estimate in points]

@@ -13,13 +13,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from chain_scene import Stacks, chain
 from dispatcher_status import require_nothing_left
 from limits import SOON_S, until
 from stacks_scene import Judge, grant, network
 
 from hosts.quantum_socket import QuantumSocket
 from hosts.service_socket import ServiceSocket
+from hosts.stack import Stack
 from hosts.stack_socket import QuantumSocketError, StackSocket
 from wire.metadata.header import Message
 from wire.metadata.vocabulary import Reason
@@ -31,7 +31,6 @@ SESSIONS: dict[str, dict[str, Any]] = {
     "sdc": {"frame_bytes": 32, "block_pairs": 512},
     "teleport": {"count": 600, "block_pairs": 200},
     "distribute": {"count": 600, "block_pairs": 300},
-    "swap": {"count": 400, "block_pairs": 300},
     "bb84": KEYS,
     "bbm92": KEYS,
     "e91": KEYS,
@@ -59,6 +58,7 @@ NOBODY = "there was no session"
 ENDED_LOOP = re.compile(r"PollerCompletionQueue.*RuntimeError\('Event loop is closed'\)")
 
 Fields = dict[str, Any]
+Stacks = dict[str, Stack]
 Sockets = dict[str, StackSocket]
 
 
@@ -88,23 +88,13 @@ async def running(
             problems.append(said)
 
     asyncio.get_running_loop().set_exception_handler(note)
-    async with _hosts(folder, service, judge, **physics) as stacks:
+    stacks: Stacks = {}
+    words = {"paths": PATHS.get(service, PAIRS), "stacks": stacks, **physics}
+    async with network(folder, judge, **words):
         yield stacks
         await asyncio.to_thread(require_nothing_left, folder, [*stacks])
         await require_no_session(stacks)
     assert not problems, problems
-
-
-@asynccontextmanager
-async def _hosts(folder: Path, service: str, judge: Judge, **physics: Any) -> AsyncIterator[Stacks]:
-    if service == "swap":
-        async with chain(folder, 1, verdict=judge, **physics) as stacks:
-            yield stacks
-    else:
-        stacks = {}
-        words = {"paths": PATHS.get(service, PAIRS), "stacks": stacks, **physics}
-        async with network(folder, judge, **words):
-            yield stacks
 
 
 async def require_no_session(stacks: Stacks) -> None:
@@ -116,7 +106,6 @@ def _under_way(stacks: Stacks) -> list[str]:
     left = [task.get_name() for task in asyncio.all_tasks() if "light of" in task.get_name()]
     for name, stack in stacks.items():
         left += [f"{name}: session {session:016x}" for session in stack.active_sessions.sessions]
-        left += [f"{name}: order of {session:016x}" for session in stack.swaps.sessions]
         report = stack.device.report()
         if report.sending or report.receiving or report.serving:
             left.append(f"{name}: {report}")

@@ -62,10 +62,9 @@ PORTS = {
     "eve-q1": 7,
 }
 PATHS = [(4, 1), (1, 3), (5, 2)]
-REPEATERS = tuple(f"r{number}" for number in range(1, 65))
 # Every stack listens at the same port: each process of tests, of this run or of another one that
 # goes on beside it, has addresses of its own.
-NUMBERS = dict(zip((*QNICS, *REPEATERS), range(11, 99), strict=False))
+NUMBERS = dict(zip(QNICS, range(11, 99), strict=False))
 ROW, COLUMN = divmod(os.getpid() % (254 * 127), 254)
 OWN_ADDRESS = {name: f"127.{1 + COLUMN}.{2 * ROW}.{number}" for name, number in NUMBERS.items()}
 RELAYED = {name: f"127.{1 + COLUMN}.{2 * ROW + 1}.{number}" for name, number in NUMBERS.items()}

@@ -11,10 +11,6 @@ from wire.light import Role
 from wire.metadata.vocabulary import Reason
 
 
-def sessions(links: frozenset[int] = frozenset()) -> ActiveSessions:
-    return ActiveSessions(links.__contains__)
-
-
 def refusal(
     one: ActiveSessions, session: int, role: Role = Role.ACCEPTOR, opener: str = ""
 ) -> SessionError:
@@ -24,7 +20,7 @@ def refusal(
 
 
 def test_a_session_is_there_while_it_lasts_and_never_again() -> None:
-    one = sessions()
+    one = ActiveSessions()
     with one.engage(7, Role.ACCEPTOR):
         assert one.sessions == {7}
         for role in (Role.OPENER, Role.ACCEPTOR):
@@ -34,18 +30,14 @@ def test_a_session_is_there_while_it_lasts_and_never_again() -> None:
 
 
 def test_a_host_may_be_the_source_of_its_own_session_once() -> None:
-    one = sessions()
+    one = ActiveSessions()
     with one.engage(7, Role.OPENER), one.engage(7, Role.SOURCE):
         assert refusal(one, 7, Role.SOURCE).reason == Reason.BUSY
     assert refusal(one, 7, Role.SOURCE).reason == Reason.UNKNOWN_SESSION
 
 
-def test_a_link_that_a_repeater_opens_keeps_its_number() -> None:
-    assert refusal(sessions(frozenset({9})), 9).reason == Reason.BUSY
-
-
 def test_so_many_sessions_of_others_and_no_more_are_taken_at_a_time() -> None:
-    one = sessions()
+    one = ActiveSessions()
     with ExitStack() as stack:
         for session in range(MAX_SESSIONS):
             stack.enter_context(one.engage(session, Role.ACCEPTOR, f"10.0.0.{session % 8}"))
@@ -58,7 +50,7 @@ def test_so_many_sessions_of_others_and_no_more_are_taken_at_a_time() -> None:
 
 def test_one_peer_does_not_take_the_places_of_all_others() -> None:
     """Of 64 it has 16, as acceptor and as source; what a host opens itself is of no share."""
-    one, bob, h4 = sessions(), "10.0.0.2", "10.0.0.4"
+    one, bob, h4 = ActiveSessions(), "10.0.0.2", "10.0.0.4"
     with ExitStack() as stack:
         for session in range(16):
             role = Role.SOURCE if session % 2 else Role.ACCEPTOR
@@ -76,7 +68,7 @@ def test_one_peer_does_not_take_the_places_of_all_others() -> None:
 
 def test_the_oldest_are_forgotten_when_many_are_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(active_sessions, "MAX_REMEMBERED", 2)
-    one = sessions()
+    one = ActiveSessions()
     for session in (1, 2, 3):
         with one.engage(session, Role.ACCEPTOR):
             pass

@@ -18,7 +18,6 @@ from hosts.middleware.session.ends import Watched
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import overridden
 from hosts.middleware.session.session import OpeningSession
-from hosts.middleware.session.swap_orders import Swaps
 from hosts.node_agent import start_node_agent
 from hosts.serving.ordered_seals import OrderedSeals
 from hosts.timeouts import CHECK_PERIOD_S
@@ -33,7 +32,6 @@ from wire.device import (
     SessionQuery,
     SetDevice,
     Subscribe,
-    SwapOrder,
     open_sealed,
 )
 from wire.metadata.header import Message
@@ -222,9 +220,7 @@ def nothing(_fields: dict[str, Any], _number: int) -> OpeningSession:
 
 
 @asynccontextmanager
-async def agent(
-    device: Device, swaps: Swaps | None = None, request: Request | None = None
-) -> AsyncIterator[Peer]:
+async def agent(device: Device, request: Request | None = None) -> AsyncIterator[Peer]:
     """Run a node agent and the peer that it reports to."""
     config = HostConfig(
         name="bob",
@@ -244,8 +240,7 @@ async def agent(
         Peer, local_addr=(CONTROLLER, DEVICE_PORT)
     )
     seals = OrderedSeals("bob", HOST, request or nothing, device.opens, device.give_back)
-    parts = device, swaps or Swaps(HOST), seals
-    node = await start_node_agent(config, *parts, lambda session: session == LIVING)
+    node = await start_node_agent(config, device, seals, lambda session: session == LIVING)
     running = asyncio.create_task(node.run())
     try:
         yield peer
@@ -285,18 +280,6 @@ def test_the_agent_answers_is_set_and_reports_changes() -> None:
             cut = await peer.next()
             assert isinstance(cut, DeviceReport)
             assert cut.ports == (DevicePort("bob-q0", False),)
-
-    network_loop.run(scene())
-
-
-def test_the_agent_takes_orders_for_chains_of_repeaters() -> None:
-    async def scene() -> None:
-        swaps, order = Swaps(HOST), SwapOrder(45, 7, 1, "10.0.0.9", 0, 1)
-        async with agent(Device(Fibers()), swaps) as peer:
-            await peer.next()
-            peer.send(order, time.time_ns())
-            assert await peer.next() == Answer(45, Reason.OK)
-            assert await swaps.order(7) == order
 
     network_loop.run(scene())
 

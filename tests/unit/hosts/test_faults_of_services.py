@@ -24,7 +24,7 @@ from fault_scene import (
 
 from applications.key_distribution import light
 from hosts import network_loop
-from hosts.middleware.session import protocol, swap_orders
+from hosts.middleware.session import protocol
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_BLOCK_PULSES
 from wire.device import DeviceReport
 from wire.metadata.blocks import Block, Emit, Finish, Frame, Report
@@ -36,12 +36,6 @@ from wire.parameters.physics import Device, Memory, PairSource
 
 services = pytest.mark.parametrize("service", SERVICES)
 Fits = Callable[[str, Message], bool]
-
-
-@pytest.fixture(autouse=True)
-def _orders_soon_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let a host not wait long for the session of an order to chains of repeaters."""
-    monkeypatch.setattr(swap_orders, "UNUSED_S", 3.0)
 
 
 def happens(
@@ -146,8 +140,7 @@ def test_a_peer_that_is_gone_is_named_at_both_ends(
 
     alice, bob = broken(tmp_path, service, Once(moment, cut), sockets)
     assert "is gone: " in alice.text
-    if service != "swap":  # a neighbour in the chain is named by its address
-        assert "bob (127." in alice.text or "charlie (127." in alice.text
+    assert "bob (127." in alice.text or "charlie (127." in alice.text
     if moment is not first_answer:
         assert "gone" in bob.text
 
@@ -256,8 +249,6 @@ def test_a_connection_that_ends_within_a_message_is_told(
         ("sdc", "charlie"),
         ("teleport", "charlie"),
         ("distribute", "charlie"),
-        ("swap", "alice"),
-        ("swap", "r1"),
         ("bbm92", "charlie"),
     ],
 )
@@ -305,12 +296,9 @@ def test_more_than_any_source_makes_is_refused_before_anything_is_sent(
     [
         ("teleport", "alice", "exceed the capacity of alice's memory, 100", Reason.HARDWARE),
         ("teleport", "bob", "exceed the capacity of bob's memory, 100", Reason.HARDWARE),
-        ("swap", "r1", "exceed the capacity of r1's memory, 100", Reason.HARDWARE),
         # Pairs that stay in memory are counted before there is any light.
         ("distribute", "alice", "memory of alice, 100 qubits", Reason.UNSUPPORTED),
         ("distribute", "bob", "memory of bob, 100 qubits", Reason.UNSUPPORTED),
-        ("swap", "alice", "memory of alice, 100 qubits", Reason.UNSUPPORTED),
-        ("swap", "bob", "memory of bob, 100 qubits", Reason.UNSUPPORTED),
     ],
 )
 def test_a_full_memory_is_told_at_both_ends_by_node_and_capacity(
@@ -346,16 +334,10 @@ ASKED: list[tuple[dict[str, Any], str]] = [
 @services
 @pytest.mark.parametrize(("asked", "words"), ASKED)
 def test_a_set_up_that_cannot_be_served_is_refused_by_its_value(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    service: str,
-    asked: dict[str, Any],
-    words: str,
+    tmp_path: Path, service: str, asked: dict[str, Any], words: str
 ) -> None:
-    monkeypatch.setattr(swap_orders, "UNUSED_S", 0.1)  # it is refused before an order is asked for
-
     def judge(setup: Setup) -> Setup:
-        opening = setup.service not in (Service.PAIR_SOURCE, Service.LINK)
+        opening = setup.service != Service.PAIR_SOURCE
         return replace(setup, **{"verdict": Verdict.GRANTED, **(asked if opening else {})})
 
     alice, bob = happens(tmp_path, service, judge=judge)
@@ -364,7 +346,7 @@ def test_a_set_up_that_cannot_be_served_is_refused_by_its_value(
 
 
 @pytest.mark.parametrize(
-    "service", sorted({*SERVICES} - {"bb84", "conference", "ghz", "graph", "sense", "swap"})
+    "service", sorted({*SERVICES} - {"bb84", "conference", "ghz", "graph", "sense"})
 )
 def test_a_source_that_is_refused_is_told_to_both_ends(tmp_path: Path, service: str) -> None:
     def judge(setup: Setup) -> Setup:

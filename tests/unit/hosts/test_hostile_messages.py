@@ -13,17 +13,10 @@ import pytest
 from fault_scene import SERVICES, Once, Raw, running, session
 
 from hosts import network_loop
-from hosts.middleware.session import swap_orders
 from wire.metadata.header import HEADER, Message
 
 SESSIONS = 12
 LENGTH = range(4, 8)  # of the header: what has another one is waited for, see the faults
-
-
-@pytest.fixture(autouse=True)
-def _orders_soon_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let a host not wait long for the session of an order to chains of repeaters."""
-    monkeypatch.setattr(swap_orders, "UNUSED_S", 3.0)
 
 
 class Hostile:

@@ -2,7 +2,6 @@
 
 import asyncio
 from dataclasses import replace
-from functools import partial
 from itertools import product
 from math import exp, sqrt
 from pathlib import Path
@@ -10,8 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from chain_scene import chain, order_swaps
-from stacks_scene import OWN_ADDRESS, RELAYED, ask, grant, hosts_file, network, refusal, requested
+from stacks_scene import OWN_ADDRESS, RELAYED, ask, grant, hosts_file, network, refusal
 from test_distribution_sessions import failed, inside
 
 from hosts import network_loop
@@ -122,31 +120,6 @@ def test_ion_traps_purify_by_their_noisy_gates(tmp_path: Path) -> None:
     alice, _bob = ask(tmp_path, "distribute", physics=scene(OWN), **options)
     assert alice["rounds"] == 1
     require_estimate(alice, purified(PAIR))
-
-
-def swapped(folder: Path, devices: dict[str, Device], **options: Any) -> dict[str, Any]:
-    """Return alice's summary of a swap over one repeater, whose memory one block fills."""
-    order = partial(order_swaps, blocks=1)
-
-    async def run() -> dict[str, Any]:
-        async with chain(folder, 1, order, devices=devices, analyser="gates"):
-            alice, bob = await asyncio.to_thread(requested, folder, "swap", **options)
-            assert alice["pairs"] == bob["pairs"]
-            return alice
-
-    return network_loop.run(run())
-
-
-def test_ion_traps_swap_by_gates(tmp_path: Path) -> None:
-    alice = swapped(tmp_path, everyone(IONS, "r1"), count=1000, block_pairs=1000, sample=0.5)
-    require_estimate(alice, fidelity(polarised(PAIR) ** 2 * BELL_GATES * CORRECTION))
-
-
-def test_a_repeater_of_ions_joins_photonic_hosts(tmp_path: Path) -> None:
-    """alice's link has her source, the other that of the ions; bob's modulators are perfect."""
-    devices = {"alice": PHOTONS, "r1": IONS, "bob": PHOTONS}
-    alice = swapped(tmp_path, devices, count=1000, block_pairs=1000, sample=0.5)
-    require_estimate(alice, fidelity(polarised(0.98) * polarised(PAIR) * BELL_GATES))
 
 
 def test_the_wait_in_an_ion_trap_dephases_what_waits(tmp_path: Path) -> None:

@@ -18,7 +18,6 @@ from hosts.stack import Stack
 from hosts.stack_socket import QuantumSocketError
 from wire.metadata.blocks import Finish
 from wire.metadata.header import Message
-from wire.metadata.vocabulary import Service
 from wire.services import LIGHT, RETURNS
 
 T = TypeVar("T")
@@ -26,9 +25,9 @@ COUNTED = {"sdc": ("pairs_sent", "pairs_received")}
 
 
 def test_every_service_that_hosts_ask_for_is_a_kind() -> None:
-    assert set(kinds()) == set(LIGHT) - {Service.LINK}  # a link is ordered, and not asked for
+    assert set(kinds()) == set(LIGHT)
     returns = {service.name.lower() for service in RETURNS}  # test_returned_bytes.py
-    measured = {"switch_swap"}  # at a quantum switch: tests/emulation/test_switch_swaps.py
+    measured = {"swap"}  # at quantum switches: tests/emulation/test_switch_swaps.py
     assert set(named()) - returns - measured == set(SERVICES) == set(SESSIONS)
 
 

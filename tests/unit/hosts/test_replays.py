@@ -43,9 +43,7 @@ class Recorder:
 
 def host_of(setup: Setup, acceptor: str = "bob") -> str:
     """Return who serves such a set-up."""
-    if setup.service == Service.PAIR_SOURCE:
-        return "charlie"
-    return "r1" if setup.service == Service.LINK else acceptor
+    return "charlie" if setup.service == Service.PAIR_SOURCE else acceptor
 
 
 async def sent(setup: Setup, host: str, sender: str = "127.0.0.1") -> SessionError | None:
@@ -124,8 +122,7 @@ def _listening(folder: Path, service_name: str) -> QuantumSocket | ServiceSocket
 @pytest.mark.by_day(every=8)
 @pytest.mark.parametrize(
     ("service_name", "other"),
-    # The last node of a chain of repeaters has too few fibres for superdense coding.
-    [pair for pair in product(SERVICES, SERVICES) if pair != ("swap", "sdc")],
+    [*product(SERVICES, SERVICES)],
 )
 def test_no_other_service_is_opened_with_the_number_of_a_session(
     tmp_path: Path, service_name: str, other: str
@@ -153,28 +150,6 @@ def test_no_other_service_is_opened_with_the_number_of_a_session(
     at_alice, at_bob = errors
     require_refused([at_bob], Reason.BUSY, "is under way here")
     assert at_alice is not None
-
-
-def test_no_session_is_opened_with_the_number_of_a_link_of_a_repeater(tmp_path: Path) -> None:
-    recorder, errors = Recorder(), list[SessionError | None]()
-
-    async def forge(message: Message) -> Message:
-        link = recorder.granted[-1]  # from the repeater to bob
-        assert link.service == Service.LINK
-        forged = replace(link, service=Service["TELEPORT"], port=PORT + 1)
-        with ServiceSocket(tmp_path / "r1.sock") as listener:
-            await asyncio.to_thread(listener.listen, PORT + 1, "teleport")
-            errors.append(await sent(forged, "r1"))
-        return message
-
-    async def run() -> None:
-        change = Once(lambda way, message: way == "forth" and isinstance(message, Finish), forge)
-        async with running(tmp_path, "swap", recorder, change=change):
-            told = await asyncio.to_thread(session, tmp_path, "swap")
-            assert [each.text for each in told] == ["", ""]
-
-    network_loop.run(run())
-    require_refused(errors, Reason.BUSY, "is under way here")
 
 
 @pytest.mark.parametrize("number", [0, 99, 255])
@@ -207,7 +182,7 @@ def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("_short_waits")
-@pytest.mark.parametrize("service_name", [name for name in SERVICES if name != "swap"])
+@pytest.mark.parametrize("service_name", SERVICES)
 def test_who_has_been_granted_nothing_gets_no_light_and_holds_nothing(
     tmp_path: Path, service_name: str
 ) -> None:

@@ -133,6 +133,8 @@ def test_remedies_of_sessions_name_options_that_there_are() -> None:
         Reason.NOT_ALLOWED: ["--policy"],
         Reason.LOSS_TOO_HIGH: ["--loss-budget-db"],
         Reason.SETUP_UNSEEN: ["--metadata-at-switch"],
+        Reason.NO_CHAIN: ["--switch"],
     }
+    assert parse("--switch=analysers=1").switch == ("analysers=1",)
     assert parse("--metadata-at-switch=observed").metadata_at_switch == "observed"
     assert parse("--policy=a", "--loss-budget-db=40").loss_budget_db == 40

@@ -138,7 +138,7 @@ def test_scripts_say_the_same_of_a_network_of_their_own() -> None:
 
 
 def test_a_pattern_sets_the_devices_of_all_hosts_that_it_names() -> None:
-    words = ["swap", "--topology", "repeaters,2", "--device", "*.memory.t2_s=100ms"]
+    words = ["ghz", "--topology", "repeaters,2", "--device", "*.memory.t2_s=100ms"]
     network = describe_network(parse(*words, "--device", "r?.gates.readout_error=0.01"))
     times = {host: device.memory.t2_s for host, device in network.parts.hosts.items()}
     assert times == dict.fromkeys(("alice", "r1", "r2", "bob"), 0.1)

@@ -8,7 +8,7 @@ import pytest
 
 from applications.teleportation.teleport import TeleportOptions
 from hosts.middleware.services.distribution.purification import DistributeOptions
-from hosts.middleware.services.switch_swap import SwapOptions
+from hosts.middleware.services.swapping import SwapOptions
 from hosts.middleware.session.options import ServiceOptions
 from qmn.__main__ import described
 from qmn.jobs.counted_service import checked
@@ -66,15 +66,15 @@ def test_the_words_of_the_command_line_reach_the_service() -> None:
     assert options.fidelity_ppm == 900_000
 
 
-def test_a_swap_goes_over_as_many_repeaters_as_are_wanted() -> None:
-    request, network = checked(parse("swap", "--topology", "repeaters,3", "--count", "7"))
-    assert request.options == SwapOptions("bob", 9, count=7)
-    assert network.hosts == ["alice", "bob", "r1", "r2", "r3"]
+def test_a_swap_goes_over_all_switches_of_a_chain() -> None:
+    request, network = checked(parse("swap", "--topology", "chain,5", "--count", "7"))
+    assert request.options == SwapOptions("bob", 9, count=7, swaps=5)
+    assert network.hosts == ["alice", "bob", "charlie"]
 
 
-def test_more_repeaters_than_a_chain_may_have_are_refused() -> None:
+def test_more_hosts_than_a_line_may_have_are_refused() -> None:
     with pytest.raises(BadTopology, match="65 repeaters: choose 1 to 64"):
-        options_of("swap", "--topology", "repeaters,65")
+        options_of("ghz", "--topology", "repeaters,65", "--line", "alice,r1,bob")
 
 
 def test_the_defaults_of_the_command_line_are_those_of_the_service() -> None:

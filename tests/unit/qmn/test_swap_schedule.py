@@ -6,6 +6,7 @@ import pytest
 
 from controller_apps.policy.reading import DEFAULT, read_policy
 from controller_apps.policy.schedules import SCHEDULES, Purification
+from hosts.middleware.services.swapping import SwapOptions
 from qmn.__main__ import described
 from qmn.jobs.counted_service import checked, with_policy
 from qmn.options import BadInput
@@ -54,18 +55,27 @@ def test_only_swaps_have_turns() -> None:
         parse("distribute", "--schedule", "nested")
 
 
-def test_switches_take_turns_and_purify() -> None:
-    request, _network = checked(parse("swap", "--topology", "chain,2", "--schedule", "nested"))
-    assert request.network.switch == ("analysers=1", "memories=2", "sources=1")
-    assert (request.service, getattr(request.options, "swaps", 0)) == ("switch_swap", 2)
-    request, _network = checked(parse("swap", "--topology", "chain", "--purify", "1"))
-    assert (request.service, request.purify) == ("switch_swap", 1)
-
-
-def test_hosts_that_purify_nothing_take_no_turns() -> None:
-    with pytest.raises(BadInput, match="hosts take turns only where they purify: add --purify 1"):
-        checked(parse("swap", "--schedule", "nested"))
-    assert checked(parse("swap", "--schedule", "parallel"))
+@pytest.mark.parametrize(
+    ("words", "swaps"),
+    [
+        ((), 3),
+        (("--topology", "sdc"), 1),
+        (("--topology", "chain,2", "--schedule", "nested"), 2),
+        (("--topology", "chain,2", "--swaps", "1"), 1),
+        (("--topology", "chain,3", "--switch", "q2.analysers=1"), 1),
+        (("--topology", "ring"), 3),  # alice at q1, bob at q3: q1, q2 or q4, q3
+        (("--topology", "chain,80"), 64),
+    ],
+)
+def test_every_switch_on_the_way_that_can_swaps_unless_it_is_said_in_how_many(
+    words: tuple[str, ...], swaps: int
+) -> None:
+    request, _network = checked(parse("swap", *words))
+    assert isinstance(request.options, SwapOptions)
+    assert request.options.swaps == swaps
+    named = any("analysers" in word for word in words)
+    parts = ("q2.analysers=1",) if named else ("analysers=1", "memories=2", "sources=1")
+    assert request.network.switch == parts
 
 
 @pytest.mark.parametrize(("switches", "swaps"), [(1, 1), (3, 3), (4, 3)])
@@ -75,7 +85,7 @@ def test_between_memories_that_emit_every_second_switch_of_a_chain_is_a_station(
     words = ["--topology", f"chain,{switches}", "--node", "nv-centre"]
     changed = ["--switch", "q2.memory.capacity=9"] if switches > 1 else []
     request, network = checked(parse("swap", *words, *changed, "--sample", "0", "--count", "5"))
-    assert (request.service, getattr(request.options, "swaps", 0)) == ("switch_swap", swaps)
+    assert getattr(request.options, "swaps", 0) == swaps
     for name, optics in network.parts.switches.items():
         emits = int(name[1:]) % 2 == 0
         assert optics.emitters == (2 if emits else 0)
@@ -84,24 +94,12 @@ def test_between_memories_that_emit_every_second_switch_of_a_chain_is_a_station(
         assert not emits or optics.emitter == NV_CENTRE.emitter
 
 
-def test_between_memories_that_emit_hosts_swap_where_no_switch_has_an_analyser() -> None:
-    words = ["--topology", "repeaters,stations", "--node", "nv-centre", "--sample", "0"]
-    request, _network = checked(parse("swap", *words, "--count", "5"))
-    assert (request.service, getattr(request.options, "swaps", 0)) == ("swap", 0)
-
-
 @pytest.mark.parametrize(
-    ("words", "service"),
-    [
-        ((), "swap"),
-        (("--topology", "sdc"), "swap"),
-        (("--topology", "sdc", "--swaps", "1"), "switch_swap"),
-        (("--topology", "sdc", "--switch", "q1.analysers=1"), "switch_swap"),
-        (("--topology", "chain,2", "--swaps", "1"), "switch_swap"),
-    ],
+    "words",
+    [("--topology", "repeaters"), ("--topology", "chain", "--switch", "q1.analysers=0")],
 )
-def test_switches_swap_where_they_have_analysers_and_hosts_elsewhere(
-    words: tuple[str, ...], service: str
+def test_without_a_switch_between_both_that_can_the_refusal_names_a_topology(
+    words: tuple[str, ...],
 ) -> None:
-    request, _network = checked(parse("swap", *words))
-    assert request.service == service
+    with pytest.raises(BadInput, match=r"analyser between them: choose --topology chain,3, or"):
+        checked(parse("swap", *words))

@@ -17,7 +17,7 @@ from qmn.network.topologies import topology
         ("chain,switches=5,both_ways=false", {"switches": 5, "both_ways": False}),
         ("ring,4,both_ways,fibers=3", {"switches": 4, "both_ways": True, "fibers": 3}),
         ("leaf-spine,4,3", {"leaves": 4, "spines": 3}),
-        ("repeaters,3,stations", {"repeaters": 3, "stations": True}),
+        ("repeaters,3", {"repeaters": 3}),
         ("tree,hosts=16,switches=5", {"hosts": 16, "switches": 5}),
         ("map,garr", {"map": "garr"}),
         (
@@ -43,6 +43,8 @@ def test_values_go_to_parameters(text: str, options: dict[str, object]) -> None:
         ("ring,spines=2", "spines is of leaf-spine, not of ring: leave it out"),
         ("sdc,switches=2", "switches is of chain, ring, tree, not of sdc: leave it out"),
         ("sdc,hosts_at=rome", "hosts_at is of map, not of sdc: leave it out"),
+        ("map,garr,repeaters_at=rome", "repeaters_at is gone: quantum switches swap, not hosts"),
+        ("repeaters,stations", "stations is gone: quantum switches swap, not hosts"),
         ("ring,both_ways=perhaps", "both_ways 'perhaps': choose true or false"),
         ("my.py:Net,switchs=3", "my.py:Net has no parameter 'switchs': did you mean switches?"),
     ],

@@ -15,7 +15,6 @@ from wire.device import (
     SessionQuery,
     SetDevice,
     Subscribe,
-    SwapOrder,
     open_sealed,
 )
 from wire.dispatcher_pb2 import BlockId, Event
@@ -106,7 +105,6 @@ DEVICES: list[Message] = [
     DeviceQuery(1),
     Subscribe(2, 3, 4, 5),
     SetDevice(3, SETTINGS),
-    SwapOrder(4, 1 << 63, 3, "10.0.0.9", 0, 1),
     SealOrder(8, 1 << 63, "10.0.0.1", "10.0.0.2", 2000, 1024, 100_000, 0.5, 0.25, 0.125, 0.0625),
     GiveBack(9, 7),
     SessionQuery(10, 8),

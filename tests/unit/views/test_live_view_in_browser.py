@@ -13,7 +13,7 @@ from live_view_scene import DEADLINE_MS, SESSION, light, opened, tell
 from live_view_scene import chromium as chromium
 from live_view_scene import said as said
 from playwright.sync_api import Browser, expect
-from recorded_run import NETWORK, START_NS, record_run
+from recorded_run import START_NS, record_run
 
 from views.key_links import KeyLink
 from views.live import acts, pace
@@ -366,7 +366,6 @@ def test_decisions_say_whose_and_why(chromium: Browser, tmp_path: Path, said: li
     view = live(tmp_path)
     asked = {"session": SESSION, "service": "bb84", "from": "alice", "to": "bob"}
     way = {"begin": "alice-q0", "end": "bob-q0", "by": ["q1", "q2"], "loss_db": 1.25}
-    chain = [NETWORK.addresses[name] for name in ("alice", "charlie", "bob")]
     facts: list[dict[str, Any]] = [
         {"event": "granted", **asked, "light": [way]},
         {"event": "refused", **asked, "session": "2" * 16, "detail": "BUSY"},
@@ -375,7 +374,6 @@ def test_decisions_say_whose_and_why(chromium: Browser, tmp_path: Path, said: li
         {"event": "override", "name": "alice", "rate_hz": 2_000_000, "fec": "golay"},
         {"event": "torn_down", "session": SESSION, "detail": "FIN"},
         {"event": "light_after", "session": "4" * 16, "ends": [], "after": {"session": SESSION}},
-        {"event": "chain", "session": SESSION, "nodes": chain, "schedule": "parallel"},
     ]
     for number, fact in enumerate(facts):
         view.timeline.add("controller", START_NS + number * 10**9, fact)
@@ -384,7 +382,6 @@ def test_decisions_say_whose_and_why(chromium: Browser, tmp_path: Path, said: li
         way_told = "light of least loss: alice-q0 → bob-q0 by q1, q2 (1.25 dB)"
         expect(page.locator("#decisions li")).to_have_text(
             [
-                "7.000 s c0 orders parallel swaps: session bdb225; alice → charlie → bob",
                 "6.000 s c0 has light now: session 444444, which waited for session bdb225 to give"
                 " it back",
                 "5.000 s c0 ended: session bdb225; its connection was closed",

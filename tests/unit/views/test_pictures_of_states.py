@@ -25,26 +25,31 @@ def test_only_states_that_arrived_are_drawn() -> None:
     assert texts == ["|0⟩ 1.000", "|+⟩ 0.500", "|+i⟩ 0.000"]
 
 
-def stored(session: int, half: int, node: str, kind: str, detail: str = "") -> Event:
-    return Event(
-        node=node, kind=kind, block=BlockId(session=session, number=1, half=half), detail=detail
-    )
+def stored(session: int, number: int, half: int, node: str, kind: str, detail: str = "") -> Event:
+    block = BlockId(session=session, number=number, half=half)
+    return Event(node=node, kind=kind, block=block, detail=detail)
 
 
 def test_a_chain_is_that_of_its_links_with_the_oldest_age_at_each_node() -> None:
-    links = {1: ("alice", "bob"), 2: ("alice", "r1"), 3: ("r1", "r2"), 4: ("r2", "bob")}
+    """Both ends' own blocks are of one session, with numbers in turn; each source has its own."""
+    links = {
+        (1, 2): ("alice", "q1-memory1"),
+        (1, 3): ("bob", "q2-memory2"),
+        (2, 1): ("q1-memory2", "q2-memory1"),
+    }
     events = [
-        stored(session, half, node, "store")
-        for session, ends in links.items()
+        stored(*block, half, node, "store")
+        for block, ends in links.items()
         for half, node in enumerate(ends)
     ]
-    events.append(stored(2, 1, "r1", "recall", "after 0.000392157 to 0.000791315 s Z=1"))
-    events.append(stored(3, 0, "r1", "recall", "after 0.0002 s"))
+    detail = "after 0.000392157 to 0.000791315 s Z=1"
+    events.append(stored(1, 2, 1, "q1-memory1", "recall", detail))
+    events.append(stored(2, 1, 0, "q1-memory2", "recall", "after 0.0002 s"))
     nodes, ages = chain_of(events, "alice")
-    assert nodes == ["alice", "r1", "r2", "bob"]
-    assert ages == {("r1", 2): 0.000791315, ("r1", 3): 0.0002}
+    assert nodes == ["alice", "q1", "q2", "bob"]
+    assert ages == {("q1", 1): 0.000791315, ("q1", 2): 0.0002}
     words = re.findall(r">([^<>]+)</text>", chain_diagram(nodes, ages))
-    assert words == ["alice", "r1", "0.791 ms", "r2", "bob"]
+    assert words == ["alice", "q1", "0.791 ms", "q2", "bob"]
 
 
 def test_a_ladder_has_instructions_of_qubits_in_the_column_of_their_host() -> None:

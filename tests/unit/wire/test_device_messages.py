@@ -26,7 +26,6 @@ from wire.device import (
     SessionQuery,
     SetDevice,
     Subscribe,
-    SwapOrder,
     open_sealed,
     setting_name,
     setting_number,
@@ -72,12 +71,6 @@ GOLDEN = {
     Subscribe(2, 1000, 10_000, 0): "514d 05 21 0000001c 0000000000000002000003e8 00002710 00000000",
     SetDevice(3, DeviceSettings(1_000_000, None, 3, 0, 1_551_720, 5000)): "514d 05 22 00000028"
     "0000000000000003 000f4240 ffffffff 00000003 00000000 0017ad68 00001388",
-    SwapOrder(4, 0x0102030405060708, 3, "10.0.0.9", 6, 7, "10.0.0.8"): "514d 05 24"
-    "0000002a 0000000000000004 0102030405060708 03 0a000009 06 07 0a000008"
-    "00 00 00 00 00 00 01",
-    SwapOrder(9, 7, 2, "10.0.0.9", 0, 1, "0.0.0.0", 2, 3, 2, 1, 5, 4, 3): "514d 05 24"
-    "0000002a 0000000000000009 0000000000000007 02 0a000009 00 01 00000000"
-    "02 03 02 01 05 04 03",
     KeyLinks(6, (LinkState("10.0.0.2", 128, 64, 256, 50_000, 12_000, True),)): "514d 05 25 00000029"
     "0000000000000006 0a000002 00000080 00000040 00000100 0000c350 00002ee0 01",
     KeyRouteRequest(7, "10.0.0.3", 3, "sae-alice", "web"): "514d 05 26 00000098 0000000000000007"
@@ -156,18 +149,6 @@ def test_another_key_and_the_other_direction_are_refused() -> None:
         SetDevice(1, DeviceSettings(fec=256)),
         SetDevice(1, DeviceSettings(interleave=2)),
         SetDevice(1, DeviceSettings(wavelength_pm=10)),
-        SwapOrder(1, 7, 65, "10.0.0.9", 0, 1),
-        SwapOrder(1, 7, 1, "10.0.0.9", 0, 1, station="10.0.0.9"),
-        SwapOrder(1, 7, 2, station="10.0.0.9"),
-        SwapOrder(1, 7, 2, "10.0.0.9", 1, 1),  # light out of a fibre into the same
-        SwapOrder(1, 7, 66),
-        SwapOrder(1, 7, 0),
-        SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, spans_left=1),  # without rounds
-        SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, protocol=3, rounds=1, spans_left=1, spans_right=1),
-        SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, protocol=1, rounds=9, spans_left=1, spans_right=1),
-        SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, protocol=1, rounds=1, spans_left=1),
-        SwapOrder(1, 7, 0, "10.0.0.9", 0, 1, protocol=1, rounds=1, spans_right=1, to_right=1),
-        SwapOrder(1, 7, 2, protocol=1, rounds=1, spans_left=1),  # and hears of no swap
         SealOrder(1, 7, "10.0.0.1", "10.0.0.1", 1, 1, 1, 0.1, 0.1, 0.1, 0.1),
         SealOrder(1, 7, "10.0.0.1", "10.0.0.2", 1, 1, 1, 0.1, 0.1, nan, 0.1),
         SealOrder(1, 7, "10.0.0.1", "10.0.0.2", 1, 1, 1, 0.1, 0.1, 0.1, -inf),

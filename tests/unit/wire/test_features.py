@@ -93,7 +93,7 @@ def test_heralded_light_goes_from_both_ends_to_the_station() -> None:
         for end in (Role.OPENER, Role.ACCEPTOR):
             assert needs(service, end, Making.STATION) == HERALD | STORE
         if service == Service.SWAP:
-            assert not ways  # its links have it
+            assert not ways  # stations in switches
             continue
         assert [start.role for start, _end in ways] == [Role.OPENER, Role.ACCEPTOR]
         assert [end for _start, end in ways] == [(Role.SOURCE, 0), (Role.SOURCE, 1)]

@@ -101,44 +101,6 @@ local function check_size(kind, size)
     return nil
 end
 
--- Returns why what an order says of purification cannot be, or nil.
-local function check_purification(values, last)
-    local rounds, protocol = values.rounds, values.protocol
-    local left, right = values.spans_left > 0, values.spans_right > 0
-    local to_right, to_left = values.to_right > 0, values.to_left > 0
-    if rounds == 0 and protocol == 0 then
-        return (left or right or to_right or to_left) and "purification without rounds" or nil
-    end
-    local repeats = values.place > 0 and not last
-    local passes = repeats or (not to_left and to_right == last)
-    if protocol < 1 or protocol > 2 or rounds < 1 or rounds > format.max_level_rounds
-        or left ~= (values.place > 0) or right == last or not passes then
-        return "purification at place " .. values.place
-    end
-    return nil
-end
-
--- Returns why an order for a chain of repeaters cannot be, or nil.
-local function check_order(values, range, right, station)
-    local last = range:range(right.offset, right.size):uint() == 0
-    local heralds = range:range(station.offset, station.size):uint()
-    if heralds ~= 0 and (last or heralds == range:range(right.offset, right.size):uint()) then
-        return "station of no link"
-    end
-    local least, most = 0, format.max_repeaters
-    if last then least, most = 1, most + 1 end
-    if values.place < least or values.place > most then return "place " .. values.place end
-    if values.blocks < 1 or values.blocks > format.max_under_way then
-        return values.blocks .. " blocks at once"
-    end
-    local unpurified = check_purification(values, last)
-    if unpurified then return unpurified end
-    if not last and values.place > 0 and values.left_fiber == values.right_fiber then
-        return "light goes back by its fibre"
-    end
-    return nil
-end
-
 -- Returns why an order for a seal cannot be, or nil.
 local function check_seal(values, fields, range)
     local at = {}
@@ -169,14 +131,6 @@ local function add_body(tree, kind, range)
     local values = add_fields(tree, made, "qdev", plain, range)
     problem = unnamed(plain, values) or check_names(plain, range)
     if kind.name == "Answer" then problem = problem or check_answer(values) end
-    if kind.name == "SwapOrder" then
-        local right, station
-        for _, field in ipairs(plain) do
-            if field.name == "right" then right = field end
-            if field.name == "station" then station = field end
-        end
-        problem = problem or check_order(values, range, right, station)
-    end
     if kind.name == "SessionEstimate" then problem = problem or check_estimate(values) end
     if kind.name == "SealOrder" then problem = problem or check_seal(values, plain, range) end
     if settings then

@@ -63,7 +63,6 @@ const TOLD = {
   device: (m) => (m.state ? `${m.name} ${m.state === "heard" ? "connected" : `is ${m.state}`}` : ""), // of a port "port" tells, too
   port: (m, names) => `fibre at ${names[m.dpid] ?? m.dpid} port ${m.at}: ${m.up ? "whole" : "cut"}`,
   path_ready: (m) => `light path of ${about(m)} stands after ${digits(m.setup_ms)} ms`,
-  chain_ready: (m) => `chain of ${about(m)} is ready after ${digits(m.setup_ms)} ms`,
   moved: (m) => `light of ${about(m)} has moved within ${digits(m.setup_ms)} ms${m.light ? `: ${light(m.light)}` : ""}`,
   granted: (m) => `granted: ${[about(m), who(m), m.light?.length ? light(m.light) : "", copies(m.copies_ms)].filter(Boolean).join("; ")}`,
   copy_late: (m) => `${m.switch} has seen the set-up of ${about(m)} late, ${digits(m.setup_ms)} ms after c0`,
@@ -71,7 +70,6 @@ const TOLD = {
   forbidden: (m) => `forbidden by the policy: ${[about(m), who(m), m.detail].filter(Boolean).join("; ")}`,
   light_after: (m) => `has light now: ${about(m)}, which waited for session ${m.after.session.slice(-6)} to give it back`,
   queued: (m) => `waits for light: ${[about(m), who(m)].filter(Boolean).join("; ")}`,
-  chain: (m, names) => `orders ${m.schedule} swaps: ${about(m)}; ${m.nodes.map((node) => names[node] ?? node).join(" → ")}`,
   torn_down: (m) => `ended: ${about(m)}; ${{ FIN: "its connection was closed", RST: "its connection was broken off" }[m.detail] ?? m.detail}`,
   override: ({ name, t, what, event, ...settings }) =>
     `${name} shall use ${Object.entries(settings).map(([key, value]) => quantity(key, value ?? "default").join(" ")).join(", ")}`,

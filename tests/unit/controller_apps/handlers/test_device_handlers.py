@@ -21,7 +21,6 @@ from controller_apps.apps.host_orders import (
     EventMonitorOver,
     EventOrder,
     EventSessionReported,
-    EventSwapsOrdered,
 )
 from controller_apps.console.questions import EventQuestion, Refused
 from controller_apps.openflow import framework
@@ -29,8 +28,7 @@ from controller_apps.openflow.framework import ofp_event, ofproto, parser
 from controller_apps.packets import Frame
 from controller_apps.policy.policy import Policy
 from controller_apps.record import Record
-from controller_apps.sessions.actions import Order, SwapsOrdered
-from controller_apps.sessions.sessions import Stop
+from controller_apps.sessions.actions import Order
 from controller_apps.timeouts import NODE_TIMEOUT_S, SET_TIMEOUT_S
 from wire.config import ControllerConfig
 from wire.device import (
@@ -43,7 +41,6 @@ from wire.device import (
     SessionQuery,
     SetDevice,
     Subscribe,
-    SwapOrder,
     host_of,
     open_sealed,
 )
@@ -138,8 +135,8 @@ def test_an_app_is_not_woken_for_packets_of_others(scene: Scene) -> None:
     assert queued.qsize() == 1
 
 
-NODES = ALICE, "10.0.0.9", "10.0.0.2"
-CHAIN = EventSwapsOrdered(SwapsOrdered(7, tuple(Stop(node, 0, 1) for node in NODES)))
+SEAL = SealOrder(0, 7, ALICE, "10.0.0.2", 2000, 1000, 100_000, 0.01, 0.25, 1e-6, 0.01)
+ORDER = EventOrder(Order(ALICE, SEAL))
 
 
 def answers(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int, str, Reason]]:
@@ -153,15 +150,15 @@ def answers(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, in
     return told
 
 
-def test_an_order_for_a_chain_is_sent_again_until_it_is_answered(
+def test_an_order_is_sent_again_until_it_is_answered(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told = answers(scene, monkeypatch)
     scene.says(SET)
     scene.datagrams()
-    scene.monitor.swaps_ordered(CHAIN)
+    scene.monitor.ordered(ORDER)
     (order,) = scene.datagrams()
-    assert order == SwapOrder(order.session, 7, 0, "10.0.0.9", 0, 1)
+    assert order == replace(SEAL, session=order.session)
     scene.tick(0.1)
     assert order in scene.datagrams()
     assert told == []
@@ -179,29 +176,26 @@ def test_a_refused_order_is_told_to_the_one_that_asked_for_it(
     told = answers(scene, monkeypatch)
     scene.says(SET)
     scene.datagrams()
-    scene.monitor.swaps_ordered(CHAIN)
+    scene.monitor.ordered(ORDER)
     (order,) = scene.datagrams()
     scene.says(Answer(order.session, Reason.UNSUPPORTED, "no"))
     assert told == [("QuantumMetadata", 7, ALICE, Reason.UNSUPPORTED)]
 
 
 def test_a_node_that_is_heard_in_time_gets_its_order_then(scene: Scene) -> None:
-    scene.monitor.swaps_ordered(CHAIN)
-    assert not any(isinstance(message, SwapOrder) for message in scene.datagrams())
+    scene.monitor.ordered(ORDER)
+    assert not any(isinstance(message, SealOrder) for message in scene.datagrams())
     scene.says(SET)
     scene.tick(0.1)
-    assert any(isinstance(message, SwapOrder) for message in scene.datagrams())
+    assert any(isinstance(message, SealOrder) for message in scene.datagrams())
 
 
 def test_an_order_that_nobody_answers_is_given_up(scene: Scene) -> None:
     scene.says(SET)
-    scene.monitor.swaps_ordered(CHAIN)
+    scene.monitor.ordered(ORDER)
     scene.datagrams()
     scene.tick(NODE_TIMEOUT_S)
-    assert not any(isinstance(message, SwapOrder) for message in scene.datagrams())
-
-
-SEAL = SealOrder(0, 7, ALICE, "10.0.0.2", 2000, 1000, 100_000, 0.01, 0.25, 1e-6, 0.01)
+    assert not any(isinstance(message, SealOrder) for message in scene.datagrams())
 
 
 def test_a_seal_is_ordered_and_its_answer_told_to_the_one_that_asked_for_it(

@@ -4,7 +4,6 @@ import logging
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import handlers_scene
 import pytest
@@ -12,7 +11,6 @@ from handlers_scene import UNFILTERED, Scene, announcement, instructions, shift_
 from metadata_scene import (
     ALICE,
     BOB,
-    CHARLIE,
     FRAMED,
     MACS,
     S1,
@@ -20,13 +18,12 @@ from metadata_scene import (
     payload_of,
 )
 
-from controller_apps.apps.host_orders import EventNodeAnswered
 from controller_apps.console.questions import EventQuestion
 from controller_apps.light.paths import HostPort
 from controller_apps.openflow.framework import ofproto, parser
 from wire.metadata.decoding import decode
 from wire.metadata.setup import Setup
-from wire.metadata.vocabulary import Reason, Service, Verdict
+from wire.metadata.vocabulary import Reason, Verdict
 
 scene, ready = handlers_scene.scene, handlers_scene.ready  # fixtures
 
@@ -93,25 +90,6 @@ def test_the_packet_leaves_by_the_learned_port_after_the_barrier(ready: Scene) -
     ]
     assert ready_line["setup_ms"] > 0
     assert ready_line["packet_in_count"] == 1  # LLDP of the fibres is not
-
-
-def test_a_swap_is_let_on_when_all_its_nodes_have_answered(
-    ready: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    sent: list[tuple[str, Any]] = []
-    monkeypatch.setattr(ready.quantum, "send_event", lambda app, event: sent.append((app, event)))
-    ready.packet_in(ready.s1, 1, frame(replace(FRAMED, service=Service.SWAP).encode()))
-    ((app, event),) = sent
-    assert app == "DeviceMonitor"
-    assert [stop.address for stop in event.ordered.chain] == [ALICE, CHARLIE, BOB]
-    for node in (ALICE, CHARLIE, BOB):
-        assert ready.s1.take() == []
-        ready.quantum.node_answered(EventNodeAnswered(FRAMED.session, node, Reason.OK))
-    (let_on,) = ready.s1.take()
-    answer = decode(payload_of(let_on.frame))
-    assert isinstance(answer, Setup)
-    assert answer.verdict == Verdict.GRANTED
-    assert ready.recorded()[-2]["event"] == "chain_ready"
 
 
 def test_a_policy_that_is_read_again_has_its_schedule(ready: Scene, tmp_path: Path) -> None:

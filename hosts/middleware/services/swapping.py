@@ -1,4 +1,4 @@
-"""Pairs of two hosts by way of a switch that Bell-measures: each makes pairs and sends it halves.
+"""Entanglement swapping: two hosts make pairs and send halves to a switch that Bell-measures.
 
     alice                          q1                          bob
       | Values(COMING) ---------------------------------------> |
@@ -62,11 +62,11 @@ MOST_SWITCHES = 64
 
 @dataclass(frozen=True)
 class SwapOptions(DistributeOptions):
-    """Pairs by way of repeaters, or of switches that swap."""
+    """Pairs by way of switches that swap."""
 
     swaps: int = option(
         0,
-        "quantum switches that the controller has swap (all that can); 0: hosts swap",
+        "quantum switches that the controller has swap (all that can); 0: others program them",
         metavar="N",
         range=(0, MOST_SWITCHES),
     )
@@ -220,4 +220,4 @@ async def receive(end: AcceptorEnd) -> Answerer:
         return await share_pairs(end, blocks.share, blocks.under_way)
 
 
-KIND = ServiceKind(Service.SWITCH_SWAP, SwapOptions, swap, receive)
+KIND = ServiceKind(Service.SWAP, SwapOptions, swap, receive)

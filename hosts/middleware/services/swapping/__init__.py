@@ -1,1 +1,0 @@
-"""Entanglement swapping through chains of repeaters."""
