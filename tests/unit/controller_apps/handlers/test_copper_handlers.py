@@ -56,6 +56,7 @@ def test_a_classical_switch_gets_its_tables(scene: Scene) -> None:
         (1, 250, {**to_port, "tcp_flags": (2, 23)}, [on]),
         (1, 200, to_port, [up, ("goto", 3)]),
         (1, 200, {"eth_type": 0x0800, "ip_proto": 17, "udp_dst": DEVICE_PORT}, [up]),
+        (1, 200, {"eth_type": 0x88B6, "eth_dst": ("0f" + 5 * ":00", "ff" + 5 * ":00")}, [up]),
         (1, 400, {**to_port, "tcp_flags": (1, 1)}, [up, on]),
         (1, 400, {**to_port, "tcp_flags": (4, 4)}, [up, on]),
         (1, 400, {**from_port, "tcp_flags": (4, 4)}, [up, on]),
