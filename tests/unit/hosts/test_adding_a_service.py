@@ -255,7 +255,7 @@ def test_a_number_that_no_set_up_message_can_have_is_left_out(package: Path) -> 
         ("lifo = coin:", "deny = coin:", "qmn.network.options"),
         ("corridor = ", "ring = ", "qmn.network.topologies"),
         ("coins = ", "seal = ", "evidence.labs.catalogue"),
-        ("coin = coin.verb", "teleport = coin.verb", "qmn.requests.service_verbs"),
+        ("coin = coin.verb", "distribute = coin.verb", "qmn.requests.service_verbs"),
     ],
 )
 def test_a_name_of_qmn_s_own_is_refused(package: Path, old: str, new: str, program: str) -> None:
