@@ -215,7 +215,7 @@ def inner_frames(datapath: Datapath, opened: OpenPaths) -> list[Any]:
     lit = {hop.out_port for hop in opened.hops} | {memory_of(hop.in_port) for hop in opened.hops}
     for port in sorted(lit & {*INNER_PORTS}):
         kinds = {ETH_TYPE_OUTCOMES: outcomes}
-        if inner_port(port).kind == Kind.MEMORY or not opened.reports:
+        if inner_port(port).kind == Kind.MEMORY or not opened.place:
             kinds[ETH_TYPE_HERALDS] = (
                 _to_hosts(session, heard[port]) if port in heard else to_controller()
             )

@@ -53,9 +53,8 @@ class Pairs:
     bits: dict[bool, Symbols] = field(default_factory=dict)  # of a round, of the right end or not
 
     @classmethod
-    def of_link(cls, left: Half, right: Half, rounds: int) -> Self:
-        size = left.at.size
-        return cls(left, right, np.zeros(size, np.uint8), np.ones(size, bool), rounds)
+    def of_link(cls, left: Half, right: Half, operators: Symbols, rounds: int) -> Self:
+        return cls(left, right, operators, np.ones(operators.size, bool), rounds)
 
     @property
     def size(self) -> int:

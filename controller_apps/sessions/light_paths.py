@@ -146,7 +146,9 @@ class Light:
                 tuned = self._tune(new, session.frequency_mhz)
                 frequency = session.frequency_mhz if tuned else 0
                 opened = OpenPaths(dpid, new, session.number, transaction, old, tuned, frequency)
-                actions.append(replace(opened, heard=heralds_to_hosts(session.paths, dpid)))
+                heard = heralds_to_hosts(session.paths, dpid)
+                reports = session.turns is not None and bool(session.turns.stations)
+                actions.append(replace(opened, reports=reports, heard=heard))
         return actions
 
     def _tune(self, hops: tuple[Hop, ...], frequency_mhz: int) -> tuple[int, ...]:

@@ -26,7 +26,6 @@ from wire.metadata.header import session_of
 from wire.metadata.setup import SETUP_LENGTH, Setup, refused
 from wire.metadata.vocabulary import (
     Handshake,
-    MemoryState,
     Reason,
     Service,
     UnknownService,
@@ -117,8 +116,7 @@ class Setups:
         swaps = admission.paths and setup.service == Service.SWAP and setup.block
         if not swaps or not terms.policy.purification.rounds:
             return admission
-        absorbed = are_stored(admission.paths) and setup.memory != MemoryState.HERALDED
-        return admission if absorbed else UNSTORED
+        return admission if are_stored(admission.paths) else UNSTORED
 
     def _takes_slot(self, setup: Setup, admission: Admission) -> bool:
         if not self.grants.slots or setup.handshake != Handshake.FRAMED:

@@ -23,7 +23,7 @@ from controller_apps.light.paths import Hop
 from controller_apps.light.routing import LightPath
 from controller_apps.policy.schedules import UNPURIFIED, Purification, Span, schedule, spans
 from controller_apps.sessions.chain_pairs import Half, Pairs
-from wire.analyser_frames import AnalyserFrame, End, Receivers
+from wire.analyser_frames import MEASURING, AnalyserFrame, End, Receivers
 from wire.parameters.switch import INNER_PORTS, Kind, inner_port
 
 Swap = tuple[Hop, ...]  # of one switch: its memories, left and right, to the inputs of its analyser
@@ -64,9 +64,10 @@ class SwapTurns:
     schedule: str
     purification: Purification = UNPURIFIED
     hosts: Hosts = NOWHERE
+    stations: tuple[SwitchPort, ...] = ()  # of all links, if pairs that they herald are purified
     # Of ends and analysers: the frame that is not whole yet.
     _begun: dict[SwitchPort | Receivers, AnalyserFrame] = field(default_factory=dict)
-    # Heralds by block, of links whose other end holds nothing yet.
+    # Heralds by block, of links whose other end, or station, has none yet.
     _held: defaultdict[SwitchPort, dict[int, AnalyserFrame]] = field(
         default_factory=lambda: defaultdict(dict)
     )
@@ -97,14 +98,14 @@ class SwapTurns:
             return []
         if whole.end == End.PURIFIED:
             due = self._compared(at, whole)
-        elif isinstance(at, SwitchPort) and whole.end in (End.STORED, End.MEASURED):
+        elif isinstance(at, SwitchPort) and whole.end in (*MEASURING, End.STORED):
             due = (self._measured if whole.end == End.MEASURED else self._stored)(at, whole)
         else:
             return []
         return [*due, *self._due()]
 
     def _stored(self, at: SwitchPort, whole: AnalyserFrame) -> Due:
-        """Note that a memory holds pulses; begin with the pairs of a link if both ends do."""
+        """Note what a memory holds, or a station heralds; begin with the pairs of a whole link."""
         block, span = self._came[at], self._link(at)
         if span is None:
             return []
@@ -117,14 +118,19 @@ class SwapTurns:
             return []
         held = [np.frombuffer(each.outcomes, np.uint8) for each in heralds if each]
         at_both = np.flatnonzero(np.bitwise_or.reduce(held) == 0)  # 0: it is held
+        operators = np.zeros(at_both.size, np.uint8)
+        if self.stations:
+            if block not in (states := self._held[self.stations[span.left]]):
+                return []
+            operators = np.frombuffer(states.pop(block).outcomes, np.uint8)[at_both]
         numbers = {end: self._held[end].pop(block).number for end in memories}
         left, right = (
-            Half(end.port, numbers[end], whole.pulses, at_both)
+            Half(end.port, numbers[end], held[0].size, at_both)
             if isinstance(end, SwitchPort)
-            else Half(end, block + 1, whole.pulses, at_both)
+            else Half(end, block + 1, held[0].size, at_both)
             for end in ends
         )
-        self._pairs[block][span] = Pairs.of_link(left, right, self._rounds(span))
+        self._pairs[block][span] = Pairs.of_link(left, right, operators, self._rounds(span))
         return self._begin(block, span)
 
     def _compared(self, at: SwitchPort | Receivers, whole: AnalyserFrame) -> Due:
@@ -211,7 +217,10 @@ class SwapTurns:
         return SwitchPort(hop.dpid, hop.in_port)
 
     def _link(self, at: SwitchPort) -> Span | None:
-        """Return the link that a memory is an end of."""
+        """Return the link that a memory is an end of, or that a station heralds."""
+        if at in self.stations:
+            place = self.stations.index(at)
+            return Span(place, place + 1)
         for place, swap in enumerate(self.swaps, 1):
             for to_the_right, hop in enumerate(swap):
                 if (hop.dpid, hop.in_port) == at:
@@ -223,9 +232,15 @@ def swap_turns(
     hops: Iterable[Hop], name: str, purification: Purification, hosts: Hosts
 ) -> SwapTurns | None:
     """Return the turns of a chain by a schedule's name; None: no memory holds its light."""
+    hops = list(hops)
     releases = [hop for hop in hops if _is_memory(hop.in_port)]
     swaps = tuple(tuple(each) for _dpid, each in groupby(releases, key=lambda hop: hop.dpid))
-    return SwapTurns(swaps, name, purification, hosts) if swaps else None
+    stations = [
+        SwitchPort(hop.dpid, hop.out_port)
+        for hop in hops
+        if hop not in releases and _is_input(hop.out_port) and purification.rounds
+    ]
+    return SwapTurns(swaps, name, purification, hosts, tuple(stations)) if swaps else None
 
 
 def are_stored(paths: Iterable[LightPath]) -> bool:
@@ -240,6 +255,12 @@ def heralds_to_hosts(paths: tuple[LightPath, ...], dpid: int) -> dict[int, Recei
     return {
         last.out_port: to for last, to in ends if last.dpid == dpid and _is_memory(last.out_port)
     }
+
+
+def _is_input(port: int) -> bool:
+    """Whether a port is the first input of an analyser, by which it reports."""
+    inner = inner_port(port) if port in INNER_PORTS else None
+    return inner is not None and (inner.kind, inner.which) == (Kind.ANALYSER, 1)
 
 
 def _is_memory(port: int) -> bool:

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 from test_run_heralded import FIDELITY, KM, M_PER_S, OF_A_LINK, emitters
-from test_run_nodes import require_estimate, result_of, run
+from test_run_nodes import polarised, require_estimate, result_of, run
+from test_run_purified_chain import connected, purified
 
 EMITTER = {"scheme": "two-click", "efficiency": "0.5", "fidelity": str(FIDELITY), "modes": "20"}
 
@@ -44,6 +45,23 @@ def test_switches_with_memories_that_emit_swap_heralded_links(tmp_path: Path, co
     log = (tmp_path / "latest" / "quantum.log").read_text()
     told = {line.split()[1] for line in log.splitlines() if " herald " in line}
     assert told == {f"q{number}-analyser1" for number in range(1, count + 1, 2)}
+
+
+@pytest.mark.parametrize(
+    "schedule", ["nested", pytest.param("parallel", marks=pytest.mark.nightly)]
+)
+def test_heralded_pairs_are_purified_before_they_are_swapped(tmp_path: Path, schedule: str) -> None:
+    """Links of two emitters are Werner pairs: two rounds of Deutsch et al., then one swap."""
+    emitter = 0.92
+    fidelity = (1 + 3 * polarised(emitter) ** 2) / 4
+    wrong = (1 - fidelity) / 3
+    expected, *_rest = connected(purified(purified((fidelity, wrong, wrong, wrong))))
+    words = [*switches(3), "--schedule", schedule, "--purification", "none", "--purify", "2"]
+    words += [f"--device={host}.emitter.fidelity={emitter}" for host in ("alice", "bob")]
+    words += [f"--switch=q2.emitter.fidelity={emitter}", "--sample=0.6", "--count=300"]
+    asking = result_of(tmp_path, "swap", *words)["job"]["asking"]
+    assert (asking["pairs"], asking["span_rounds"], asking["rounds"]) == (300, 2, 0)
+    require_estimate(asking, polarised(expected), 0.0)
 
 
 def rarely(detectors: float) -> list[str]:

@@ -97,7 +97,7 @@ class Blocks:
         theirs = yield from hear(Topic.ARRIVED, number, kept.size, 1)
         yield from self._take(side.block(number), number, swapped)
         pairs.facts.attempts += swapped.attempts
-        emitted = kept.size if self._is_heralded else size
+        emitted = swapped.heralded if self._is_heralded else size
         yield from pairs.share(number, kept, theirs.astype(bool), emitted, since_ns)
 
     def share(self, pairs: Pairs, message: Values) -> Steps[None]:
@@ -124,7 +124,7 @@ class Blocks:
             corrected_ns = yield from do(Qnic.apply, name, operators)
             self._note_waits(pairs, swapped, int(np.count_nonzero(kept)), corrected_ns - since_ns)
             kept &= yield from store(name)
-        emitted = kept.size if self._is_heralded else size
+        emitted = swapped.heralded if self._is_heralded else size
         yield from pairs.share(number, kept, arrived.astype(bool), emitted, since_ns)
         self.under_way.remove(number)  # others read its messages from now on
         yield side.say(Topic.ARRIVED, number, kept, 1)
@@ -172,8 +172,11 @@ class Blocks:
         """Let qubits attempt to emit to a station in a switch; return the same."""
         setup, name, since_ns = self._side.setup, self._kept(number), 0
         yield from do(Qnic.attempt, name, self._side.ports[0], setup.wavelength_pm, size)
-        switches, limit_s = max(1, setup.block), HERALD_TIMEOUT_S
-        swapped: Swapped = yield Wait(partial(self._frames.next, size, switches, limit_s))
+        self._lit += 1
+        if setup.block:
+            yield Concurrently(self._purify(name, self._lit))
+        next_of = size, max(1, setup.block), HERALD_TIMEOUT_S, self._lit
+        swapped: Swapped = yield Wait(partial(self._frames.next, *next_of))
         if swapped.outcomes.size:
             since_ns = yield from stored_since(name)
         return swapped, swapped.outcomes != NO_COINCIDENCE, since_ns

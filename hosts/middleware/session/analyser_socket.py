@@ -55,6 +55,7 @@ class Swapped:
     blocks: list[int]  # which analysers, and their numbers of the block, alike at both ends
     waited_us: dict[int, int]  # in the memories of each switch of a chain, by its place
     attempts: int = 0  # at all stations
+    heralded: int = 0  # pairs of the poorest link
     rounds: int = 0  # of purification, of each span of the chain
 
 
@@ -291,9 +292,11 @@ def _together(found: dict[bytes, AnalyserFrame], positions: NDArray[np.intp]) ->
         for analyser, frame in found.items()
         if analyser.startswith(PLACES)
     }
-    attempts = sum(frame.waited_us for frame in found.values() if frame.end == End.HERALDED)
+    heralds = [frame for frame in found.values() if frame.end == End.HERALDED]
+    attempts = sum(frame.waited_us for frame in heralds)
+    heralded = min((frame.pulses for frame in heralds), default=0)
     blocks = [word for pair in numbers for word in pair]
-    return Swapped(product, positions[:most], blocks, waited_us, attempts)
+    return Swapped(product, positions[:most], blocks, waited_us, attempts, heralded)
 
 
 @contextmanager

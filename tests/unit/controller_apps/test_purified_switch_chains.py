@@ -14,7 +14,7 @@ from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop
 from controller_apps.policy.schedules import Purification
 from controller_apps.sessions.chain_pairs import Half, Pairs
-from controller_apps.sessions.swap_turns import Command, SwapTurns
+from controller_apps.sessions.swap_turns import NOWHERE, Command, SwapTurns, swap_turns
 from wire.analyser_frames import THIRD, AnalyserFrame, End, Receivers
 from wire.outcomes import NO_COINCIDENCE as NONE
 
@@ -59,8 +59,12 @@ class Ends:
     def emit(self, block: int, pulses: int) -> None:
         """Put light of all links into memories; hosts lose none."""
         places: list[Place] = [Receivers.OPENER, *memories(), Receivers.ACCEPTOR]
-        for left, right in zip(places[::2], places[1::2], strict=True):
-            pairs = [Pair() for _ in range(pulses)]
+        for link, (left, right) in enumerate(zip(places[::2], places[1::2], strict=True)):
+            states = self.random.integers(0, 4 if self.turns.stations else 1, pulses, np.uint8)
+            pairs = [Pair(int(state)) for state in states]
+            for at in self.turns.stations[link : link + 1]:
+                herald = AnalyserFrame(at.port, block, End.HERALDED, pulses, 0, states.tobytes())
+                self.sent[at].append(herald)
             for place in (left, right):
                 is_host = isinstance(place, Receivers)
                 lost = self.random.random(pulses) < (0 if is_host else LOST)
@@ -142,13 +146,15 @@ def memories() -> list[SwitchPort]:
 
 
 def played(
-    schedule: str, purification: Purification, pulses: int, blocks: int = BLOCKS
+    schedule: str, purification: Purification, pulses: int, heralded: bool = False
 ) -> tuple[Ends, list[int]]:
     """Run blocks through a chain; return its ends, and how many pairs each block has left."""
-    swaps = tuple(
-        tuple(Hop(dpid, port, port - 1000) for port in MEMORIES) for dpid in range(1, SWITCHES + 1)
-    )
-    ends = Ends(SwapTurns(swaps, schedule, purification), np.random.default_rng(5))
+    hops = [Hop(at.dpid, at.port, at.port - 1000) for at in memories()]
+    # Stations are switches between these, of which each has light to its first input.
+    hops += [Hop(100 + link, 1, 60_001) for link in range(SWITCHES + 1) if heralded]
+    turns = swap_turns(hops, schedule, purification, NOWHERE)
+    assert turns is not None
+    ends, blocks = Ends(turns, np.random.default_rng(5)), BLOCKS
     for block in range(1, blocks + 1):
         ends.emit(block, pulses)
     ends.run()
@@ -164,20 +170,21 @@ def played(
     return ends, sizes
 
 
+@pytest.mark.parametrize("heralded", [False, True])
 @pytest.mark.parametrize("protocol", ["dejmps", "bbpssw"])
 @pytest.mark.parametrize(
     ("schedule", "spans"), [("parallel", 4), ("left-to-right", 6), ("nested", 6)]
 )
 def test_ends_compare_corrected_halves_of_the_same_pairs(
-    schedule: str, spans: int, protocol: str
+    schedule: str, spans: int, protocol: str, heralded: bool
 ) -> None:
     """Each span halves its pairs, once at least, by each end: there are four links, and two more.
 
     Of 400 pulses per link there must be some that pass, as (0.9^2 / 2)^2 of them are left by two
-    levels of ideal pairs, less what is not seen.
+    levels of ideal pairs, less what is not seen. Pairs that stations herald are in any Bell state.
     """
     rounds = 1
-    ends, sizes = played(schedule, Purification(protocol, rounds), 400)
+    ends, sizes = played(schedule, Purification(protocol, rounds), 400, heralded)
     assert ends.rounds == 2 * spans * rounds * BLOCKS
     assert len(sizes) == BLOCKS
     assert min(sizes) > 5
@@ -197,7 +204,7 @@ def test_a_round_keeps_pairs_of_which_both_ends_measured_the_same() -> None:
     cases = [(a, b) for a in (0, 1, NONE) for b in (0, 1, NONE)]
     at = np.arange(2 * len(cases))
     half = Half(61_001, 3, at.size, at)
-    pairs = Pairs.of_link(half, half, rounds=1)
+    pairs = Pairs.of_link(half, half, np.zeros(at.size, np.uint8), rounds=1)
     assert len(pairs.begin_round("dejmps", (0,))) == 2
     assert not pairs.measured(False, bytes(5))  # of another block
     assert not pairs.measured(False, bytes(a for a, _b in cases))

@@ -222,6 +222,31 @@ def test_memories_attempt_when_the_opener_does_and_swap_when_links_hold() -> Non
     assert hops(actions) == {2: {(61_001, 60_001), (61_002, 60_002)}}
 
 
+def test_stations_report_bell_states_to_the_controller_if_it_purifies() -> None:
+    """Of pairs in Psi+ and Psi- the right end is turned by X and XZ, in either order of frames."""
+    arbiter = Arbiter(heralding(3), HOLD_S, IDLE_S)
+    arbiter.follow(replace(UNFILTERED, purification=Purification("dejmps", 1)))
+    for each in asked(arbiter, 3, heralded=True):
+        if isinstance(each, OpenPaths):
+            assert each.reports
+            arbiter.barrier_passed(each.dpid, each.transaction, NOW)
+    herald = AnalyserFrame(60_001, 3, End.HERALDED, 2, 0, bytes([1, 3]), 99)
+    reports = [
+        (SwitchPort(1, 60_001), herald.encode(BROADCAST, bytes(6))),
+        (SwitchPort(2, 61_001), STORED),
+        (SwitchPort(2, 61_002), STORED),
+        (SwitchPort(3, 60_001), herald.encode(BROADCAST, bytes(6))),
+    ]
+    due = [arbiter.inner_frame(at, 7, data) for at, data in reports]
+    assert (due[0], due[2]) == ([], [])
+    to_memory = [each.herald for each in due[1] if isinstance(each, KeepPulses)]
+    to_hosts = [each.frame for each in due[3] if isinstance(each, Flood)]
+    (to_bob,) = [data for data in to_hosts if data[:6] == group_of(7, Receivers.ACCEPTOR)]
+    rounds = [*to_memory[:1], AnalyserFrame.decode(to_bob)]
+    assert [each.outcomes for each in rounds] == [bytes([1, 3])] * 2
+    assert [each.method for each in rounds] == [5, 5]
+
+
 def test_a_link_that_heralds_nothing_is_swapped_as_no_pulse_and_the_next_block_follows() -> None:
     turns = SwapTurns(swaps(1), "parallel")
     left, right = (SwitchPort(1, port) for port in MEMORIES)
