@@ -153,7 +153,7 @@ labs: setup ## Hold published results beside runs of the network (runs/labs/; AR
 picture: setup ## Rebuild the README's picture of a report
 	@setup/picture
 
-recording: .venv/site ## Record docs/minute.cast anew, which the site plays
+recording: .venv/site ## Record docs/minute.cast again, which the site plays
 	@setup/recording
 
 lab-pictures: setup ## Rebuild the figures on the labs' pages

@@ -8,12 +8,12 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
 from qmn.timeouts import LIVE_START_S
-from topologies.system.processes.programs import Program, python
+from topologies.system.processes.programs import NetworkError, Program, python
 from topologies.system.runs.runtime import LIVE_PAGES
 from views.live.acts import ACTS
 from views.live.address import ANNOUNCEMENT
@@ -22,6 +22,7 @@ from views.live.pages import NUMBER, Pages
 
 Say = Callable[[str], None]
 SAY = partial(print, flush=True)
+QMN_LIVE = [python(), "-m", "qmn", "live"]
 
 
 @contextmanager
@@ -35,25 +36,39 @@ def live_view(
     The log is in the folder of the run. Raise NetworkError if it does not begin in time.
     """
     (folder / ACTS).unlink(missing_ok=True)  # of an earlier network in this folder
-    alone = wanted or for_all
-    pages = Pages.of_command() or (None if alone else Pages.of_machine())
-    if pages is None and not alone:
-        yield
-        return
-    server = Program("live", folder / "live.log")
-    command = [python(), "-m", "qmn", "live", *(["--for-all"] if for_all and not pages else [])]
+    pages = Pages.of_command()
     with ExitStack() as stack:
         if pages is not None:
+            stack.enter_context(_page_among(pages, folder.name, folder))
+        elif wanted or for_all:
+            shown = ["--for-all"] if for_all else []
+            say(announced_address(stack.enter_context(_server(folder, [*QMN_LIVE, *shown]))))
+        elif all_of_machine := Pages.of_machine():
             names = os.environ.get("SUDO_USER"), folder.name  # whose it is, in a class
-            number = stack.enter_context(pages.one_more(" ".join(filter(None, names))))
-            found = f"{LIVE_PAGES}={pages.folder}", f"{NUMBER}={number}"
-            command = ["env", *found, *command, "--no-browser"]
-        stack.callback(server.stop)
+            with suppress(OSError, NetworkError):  # who shows all may have ended
+                name = " ".join(filter(None, names))
+                stack.enter_context(_page_among(all_of_machine, name, folder))
+        yield
+
+
+@contextmanager
+def _page_among(pages: Pages, name: str, folder: Path) -> Iterator[None]:
+    """Serve a page at the address of several networks."""
+    with pages.one_more(name) as number:
+        found = f"{LIVE_PAGES}={pages.folder}", f"{NUMBER}={number}"
+        with _server(folder, ["env", *found, *QMN_LIVE, "--no-browser"]):
+            yield
+
+
+@contextmanager
+def _server(folder: Path, command: list[str]) -> Iterator[Program]:
+    server = Program("live", folder / "live.log")
+    try:
         server.start(command)
         server.wait_for(ANNOUNCEMENT, LIVE_START_S)
-        if pages is None:
-            say(announced_address(server))
-        yield
+        yield server
+    finally:
+        server.stop()
 
 
 @contextmanager

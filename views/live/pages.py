@@ -110,5 +110,5 @@ def kept_of_machine() -> Iterator[Pages]:
     shutil.rmtree(MACHINE_PAGES, ignore_errors=True)  # of one that was killed
     MACHINE_PAGES.mkdir(mode=0o700, parents=True)
     with (MACHINE_PAGES / LOCK).open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(lock, fcntl.LOCK_EX)  # a network that starts has it for a moment
         yield Pages(MACHINE_PAGES)

@@ -82,11 +82,10 @@ def call(arguments: argparse.Namespace) -> int:
 def _of_machine(run: Path | None, options: LiveOptions, place: Place) -> int:
     """Show all networks until Ctrl-C; raise OSError if another does."""
     if run is not None or options.read_only:
-        what = "--read-only" if run is None else run
-        print(
-            f"qmn: --all {what}: --all shows networks that start from now on; leave out {what}",
-            file=sys.stderr,
-        )
+        what = "--all RUN: --all shows networks that start from now on, a run has a page of its own"
+        if run is None:
+            what = "--all --read-only: add --for-all instead, whose address is read-only"
+        print(f"qmn: {what}", file=sys.stderr)
         return 2
     with kept_of_machine() as pages:
         served = command_page.serve(pages, place, for_all=options.for_all, browser=options.browser)
