@@ -194,9 +194,10 @@ class Emission:
         if len(body) != LEAST_PAYLOAD or frame[12:ETHERNET_BYTES] != ETHER_TYPE:
             raise MalformedPacket(f"nothing that a source emits by in {len(frame)} bytes")
         magic, *fields = cls.FIELDS.unpack_from(body)
-        if magic != EMIT or any(body[cls.FIELDS.size :]):
-            raise MalformedPacket(f"frame to a source that begins {body[:8].hex()}")
-        return cls(*fields)
+        emission = cls(*fields)
+        if magic != EMIT or not emission.pairs or any(body[cls.FIELDS.size :]):
+            raise MalformedPacket(f"frame to a source that begins {body[:24].hex()}")
+        return emission
 
 
 @dataclass

@@ -73,6 +73,7 @@ class Stations:
 
     async def emit(self, request: EmitRequest) -> None:
         """Let qubits in the memory of a switch attempt."""
+        require_count(request.count)
         layer, port = self._layer, str(request.port)
         found = (
             node
@@ -85,12 +86,11 @@ class Stations:
         switch = layer.network.switches[request.switch]
         if request.port in switch.failed:
             raise precondition(f"the memory of port {port} of {request.switch} has failed")
-        memory = int(layer.network.memories[node].ports[0])
         attempt = AttemptRequest(
             block=BlockId(session=request.session, number=request.number),
             port=port,
             frequency_mhz=request.frequency_mhz,
-            cutoff_s=switch.cutoffs_s.get(memory),
+            cutoff_s=switch.cutoffs_s.get(int(layer.network.memories[node].ports[0])),
             count=request.count,
         )
         await self.attempt(node, attempt)

@@ -295,6 +295,8 @@ def test_attempts_that_meet_none_or_do_not_fit_end_by_name() -> None:
         ):
             with pytest.raises(Refusal, match=text):
                 await network.emit(port, 1, 1)
+        with pytest.raises(Refusal, match="count 0 is not between 1 and"):  # no host's attempt
+            await network.emit(EMITTING_ONE, 1, 0)
         await laboratory.act("runner", "inject_fault", InjectFaultRequest(switch="q1", repair=True))
         await network.attempt("alice", 0, 9)
         network.clock.over.set()

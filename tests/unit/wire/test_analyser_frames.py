@@ -1,5 +1,7 @@
 """Frames of Bell analysers as bytes: read as written, and hostile ones refused whole."""
 
+from dataclasses import replace
+
 import pytest
 
 from wire.analyser_frames import (
@@ -144,3 +146,5 @@ def test_what_a_source_emits_by_is_read_as_written_and_hostile_bytes_are_refused
             Emission.decode(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
     with pytest.raises(MalformedPacket):
         Emission.decode(data[:-1])
+    with pytest.raises(MalformedPacket, match=r"07000000030{8}02faf080"):
+        Emission.decode(replace(emission, pairs=0).encode())
