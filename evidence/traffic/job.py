@@ -1,6 +1,9 @@
 """The job of heavy traffic: qmn run load. Many hosts ask for many sessions at a time."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import groupby, product
+from operator import itemgetter
 from typing import Any
 
 from rich.console import Console
@@ -15,6 +18,7 @@ from evidence.traffic.summary import summary
 from hosts.middleware.services import named
 from hosts.middleware.session.errors import SessionError
 from hosts.network_loop import run as run_loop
+from qmn.jobs.counted_service import swaps_from, with_parts
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
@@ -24,6 +28,7 @@ from qmn.options import BadInput, check_ranges
 from qmn.results.result import network_facts
 from qmn.results.run_folder import begin_folder
 from qmn.results.run_result import RunResult
+from topologies.description.description import Description
 from topologies.networks.network import Network, Signals, require_free
 from wire.controller_lines import read_record
 from wire.metadata.vocabulary import Service
@@ -33,13 +38,12 @@ from wire.services import LINES, RETURNS
 
 CONTROLLER = "c0"
 BYTES = ("sdc", "sdc_return")  # services that carry some
-MEASURED = ("distribute",)  # services that leave pairs at both ends
+MEASURED = ("distribute", "swap")  # services that leave pairs at both ends
 
 
 def run(request: LoadRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status: 0 if every session has been answered."""
-    network = describe_network(request.network)
-    network, traffic, planned, wanted = checked(request, network)
+    request, network, traffic, planned, wanted = checked(request)
     require_free(network.topo)
     folder = begin_folder(request.run.runs, "load")
     context = RunContext(network, request.run, folder, signals, console)
@@ -52,9 +56,15 @@ def run(request: LoadRequest, signals: Signals, console: Console) -> int:
 
 
 def checked(
-    request: LoadRequest, network: NetworkDescription
-) -> tuple[NetworkDescription, Traffic, list[Planned], Wanted]:
-    """Return the network and what will be asked for; raise BadInput before anything is started."""
+    request: LoadRequest,
+) -> tuple[LoadRequest, NetworkDescription, Traffic, list[Planned], Wanted]:
+    """Return the request with what follows from it, its network, and what will be asked for.
+
+    Raise BadInput or BadTopology before anything is started.
+    """
+    if swaps := Service[request.service.upper()] == Service.SWAP:
+        request = replace(request, network=with_parts(request.network))
+    network = describe_network(request.network)
     check_network(request.network)
     check_ranges(request.run)
     network = network.paced_for(*request.run.against_steps)
@@ -67,8 +77,23 @@ def checked(
     except BadTraffic as error:
         raise BadInput(str(error)) from error
     wanted = wanted_of(request, network.hosts)
+    if swaps:
+        wanted = replace(wanted, swaps=dict(swaps_of(traffic, planned, network.parts)))
     felt = felt_by_any(request, traffic, network)
-    return checked_settings(request.service, felt, network), traffic, planned, wanted
+    network = checked_settings(request.service, felt, network)
+    return request, network, traffic, planned, wanted
+
+
+def swaps_of(
+    traffic: Traffic, planned: Sequence[Planned], parts: Description
+) -> Iterator[tuple[tuple[str, str], int]]:
+    """Yield the ends of each session that there may be, and in how many switches they swap."""
+    ends = {(each.opener, each.acceptor) for each in planned}
+    if traffic.idle:
+        ends = {each for each in product(traffic.openers, traffic.acceptors) if len({*each}) > 1}
+    for opener, group in groupby(sorted(ends), itemgetter(0)):
+        swaps = swaps_from(opener, [acceptor for _opener, acceptor in group], parts)
+        yield from (((opener, acceptor), number) for acceptor, number in swaps.items())
 
 
 def felt_by_any(request: LoadRequest, traffic: Traffic, network: NetworkDescription) -> Felt:
@@ -144,6 +169,8 @@ def chosen(option_name: str, named: str, network: NetworkDescription) -> list[st
 def wanted_of(request: LoadRequest, hosts: Sequence[str]) -> Wanted:
     """Return what each session asks for; raise BadInput for what its service does not take."""
     own = request.source == OWN
+    if request.source and request.service == "swap":
+        raise BadInput("--source: in swap both ends make pairs: leave it out")
     if request.source and not own and request.source not in hosts:
         raise BadInput(f"--source {request.source}: {remedy(request.source, [OWN, *hosts])}")
     options: dict[str, Any] = {} if own or not request.source else {"source": request.source}

@@ -20,7 +20,7 @@ class LoadRequest:
     """The traffic, and its network."""
 
     service: str = option(
-        "distribute", "that sessions are of (distribute)", choices=sorted(named().keys() - {"swap"})
+        "distribute", "that sessions are of (distribute)", choices=sorted(named())
     )
     count: int = option(
         30,

@@ -50,6 +50,7 @@ class Wanted:
     measures: bool = False  # whether pairs are measured at the end of the holding time
     hosts: int = PAIR  # that take part
     goes_back_on: Service | None = None  # of which the acceptor opens a session before
+    swaps: Mapping[tuple[str, str], int] = field(default_factory=dict)  # by opener and acceptor
 
 
 class SessionRun:
@@ -102,6 +103,8 @@ class SessionRun:
             options["deadline_ms"] = max(round(outcome.planned.deadline_s * 1000), 1)
         if wanted.own_source:
             options["source"] = outcome.opener
+        if service == Service.SWAP:
+            options["swaps"] = wanted.swaps[outcome.opener, outcome.acceptor]
         if service in LINES:
             options["line"] = ",".join(hosts)
         stacks, name = self._stacks.__getitem__, service.name.lower()

@@ -1,6 +1,6 @@
 """The jobs of services that are about a number of things, as states or pairs: qmn run SERVICE."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import cycle
 from math import ceil
@@ -22,7 +22,8 @@ from qmn.network.checks import FROM_TO, LINE, check_network, check_two_hosts
 from qmn.network.custom_topology import is_custom
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.felt_settings import Felt, checked_settings, everything, felt_by
-from qmn.network.light_checks import analysers_between, check_light, laser_pulses
+from qmn.network.light_checks import analysers_from, check_light, laser_pulses
+from qmn.network.options import NetworkOptions
 from qmn.network.part_options import kind_of_all
 from qmn.options import BadInput, check_ranges
 from qmn.requests.service import ServiceRequest
@@ -168,7 +169,7 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     if request.eve is not None:
         request = replace(request, network=eavesdropping.with_eve(request.network))
     if isinstance(request.options, SwapOptions):
-        request = with_parts(request)
+        request = replace(request, network=with_parts(request.network))
     request, network, felt = fitted(request, describe_network(request.network))
     return request, checked_settings(request.service, felt, network)
 
@@ -192,7 +193,8 @@ def fitted(
             raise BadInput(f"{LINE} {name}: {remedy(name, network.hosts)}")
     check_source(request.options, network.hosts)
     if isinstance(request.options, SwapOptions):
-        options = with_swaps(request.options, request.sender, network.parts)
+        swaps = swaps_from(request.sender, [options.host], network.parts)[options.host]
+        options = replace(request.options, swaps=request.options.swaps or swaps)
         request = replace(request, options=options)
     named = verb_of(request.service).source
     taking_part = *ends, *request.others
@@ -216,37 +218,40 @@ def fitted(
     return replace(request, options=options), network, felt
 
 
-def with_parts(request: ServiceRequest) -> ServiceRequest:
-    """Return the request with parts in all switches of a topology of ours, if it names none.
+def with_parts(network: NetworkOptions) -> NetworkOptions:
+    """Return the options with parts in all switches of a topology of ours, if they name none.
 
     Of hosts whose memories emit every second one is as they are, and those between are stations.
     """
-    network, words = request.network, PARTS
+    words = PARTS
     named = any("analysers=" in word or "parts=" in word for word in network.switch)
     if named or is_custom(network.topology):
-        return request
+        return network
     if (kind := kind_of_all(network.node)) and is_heralded(node_device(kind, Device()).features):
         names = describe_network(replace(network, switch=())).parts.switches
         kinds = cycle(("station", kind))
         words = tuple(f"{name}.parts={each}" for name, each in zip(names, kinds, strict=False))
-    return replace(request, network=replace(network, switch=(*words, *network.switch)))
+    return replace(network, switch=(*words, *network.switch))
 
 
-def with_swaps(options: SwapOptions, sender: str, parts: Description) -> SwapOptions:
-    """Return the options with a swap in each switch that can, unless they say in how many.
+def swaps_from(sender: str, receivers: Iterable[str], parts: Description) -> dict[str, int]:
+    """Return in how many switches to swap, by receiver: in each that can.
 
     Raise BadInput if none is between the two hosts.
     """
-    able = analysers_between(sender, options.host, parts)
-    if is_heralded(parts.hosts[sender].features):
-        able = max(0, able - 1 + able % 2)  # a chain begins and ends with a station
-    if not able:
-        raise BadInput(
-            f"swap needs light from {sender} and {options.host} to a quantum switch with a Bell "
-            "analyser between them: choose --topology chain,3, or give your switches parts "
-            f"({' '.join(f'--switch {part}' for part in PARTS)})"
-        )
-    return replace(options, swaps=options.swaps or min(able, MOST_SWITCHES))
+    analysers, found = analysers_from(sender, parts), dict[str, int]()
+    for host in receivers:
+        able = int(analysers.get(host, 0))
+        if is_heralded(parts.hosts[sender].features):
+            able = max(0, able - 1 + able % 2)  # a chain begins and ends with a station
+        if not able:
+            raise BadInput(
+                f"swap needs light from {sender} and {host} to a quantum switch with a Bell "
+                "analyser between them: choose --topology chain,3, or give your switches parts "
+                f"({' '.join(f'--switch {part}' for part in PARTS)})"
+            )
+        found[host] = min(able, MOST_SWITCHES)
+    return found
 
 
 def with_beam_splitter(

@@ -93,12 +93,7 @@ def _refuse_too_few(service: str, host: str, needed: int, parts: Description) ->
         )
 
 
-def analysers_between(one: str, other: str, parts: Description) -> int:
-    """Return how many switches with an analyser light passes at least; 0 if no light passes."""
-    return int(_distances(one, parts).get(other, 0))
-
-
-def _distances(begin: str, parts: Description) -> dict[str, float]:
+def analysers_from(begin: str, parts: Description) -> dict[str, float]:
     """Return in how many switches with an analyser light has been at least, by where it comes."""
     ways: Distances = {}
     for fiber in parts.fibers:
@@ -111,7 +106,7 @@ def _distances(begin: str, parts: Description) -> dict[str, float]:
 
 def _refuse_dark(service: str, one: str, other: str, parts: Description) -> None:
     """Raise BadInput if light cannot come from one host to another over quantum switches."""
-    if other not in _distances(one, parts):
+    if other not in analysers_from(one, parts):
         raise BadInput(
             f"{service} needs light between {one} and {other}, and no way of fibres and quantum "
             f"switches leads there: join {_beside(one, parts)} and {_beside(other, parts)}, as by "

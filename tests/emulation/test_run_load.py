@@ -68,6 +68,22 @@ def test_light_is_handed_out_in_slots_and_none_is_given_too_late(tmp_path: Path)
     assert "Who waited for whom" in (tmp_path / "latest" / "report.html").read_text()
 
 
+def test_switches_on_the_way_swap_for_sessions_in_both_directions(tmp_path: Path) -> None:
+    """Parts are perfect: all pairs are Phi+, of two Bell measurements each."""
+    trace = tmp_path / "trace.csv"
+    trace.write_text("at_s,opener,acceptor\n0.1,alice,bob\n2,bob,alice\n")
+    words = ["run", "load", "--service", "swap", "--topology", "chain,2", "--traffic", "trace"]
+    words += ["--file", str(trace), "--count", "30", "--captures", "none", "--without", "report"]
+    done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=PROGRAM_S)
+    assert done.returncode == 0, done.stdout + done.stderr
+    load = json.loads((tmp_path / "latest" / "result.json").read_text())["job"]["load"]
+    assert (load["accepted"], load["pairs"]) == (2, 60)
+    assert [(each["fidelity"], each["pairs"]) for each in load["fidelity_by_age"]] == 2 * [(1, 30)]
+    events = recorded(tmp_path / "latest" / EVENT_CAPTURE, follow=False)
+    swaps = Counter(event.node for event in events if event.kind == "bell-measure")
+    assert swaps == {"q1-analyser1": 2, "q2-analyser1": 2}  # blocks
+
+
 @pytest.mark.nightly
 @pytest.mark.waits
 @pytest.mark.parametrize(

@@ -22,7 +22,6 @@ from evidence.traffic.session import Outcome, Wanted, like_phi_plus
 from evidence.traffic.summary import fairness, fidelity_by_age, light_times, summary, waits
 from hosts.middleware.services import named
 from qmn.__main__ import described
-from qmn.network.description import describe_network
 from qmn.options import BadInput, read
 from views.fiber_use import fiber_use, shares, span_of
 from views.report.waits_diagram import waited, waits_diagram
@@ -279,7 +278,7 @@ def asked(*words: str) -> tuple[Traffic, list[Planned], Wanted]:
     """Return what the command line asks for."""
     whole = ["run", "load", *words]
     request = read(LoadRequest, described(whole).parse_args(whole))
-    return checked(request, describe_network(request.network))[1:]
+    return checked(request)[2:]
 
 
 def test_a_map_goes_in_place_of_the_ring_but_not_of_what_is_named(
@@ -303,13 +302,38 @@ def test_sources_neither_ask_nor_are_asked_unless_they_are_named() -> None:
 
 def test_every_service_that_is_offered_can_be_asked_for() -> None:
     """In services of lines hosts make pairs each with the next: as many as are asked for."""
-    for name in named().keys() - {"swap"}:  # whose switches say how many
+    for name in named():
         words = "--service", name, "--sessions", "1", "--to", "alice,bob,charlie"
         traffic, (session,), wanted = asked(*words)
         hosts = {session.opener, session.acceptor, *session.others}
         assert len(hosts) == traffic.hosts == (3 if wanted.service in LINES else 2)
         assert wanted.service.name.lower() == name
         assert wanted.goes_back_on == (Service.SDC if name == "sdc_return" else None)
+
+
+def test_the_switches_between_both_ends_of_a_session_swap() -> None:
+    """In the ring of q1 to q4 hosts are at q1, q3 and q2: three, two and two are on the way."""
+    words = "--service", "swap", "--to", "alice,bob,charlie", "--from", "alice,bob,charlie"
+    ends = {("alice", "bob"): 3, ("alice", "charlie"): 2, ("bob", "charlie"): 2}
+    both_ways = ends | {(b, a): number for (a, b), number in ends.items()}
+    for more in (["--idle"], ["--sessions", "200"]):
+        _traffic, _planned, wanted = asked(*words, *more)
+        assert (wanted.swaps, wanted.measures) == (both_ways, True)
+    assert asked("--sessions", "1")[2].swaps == {}
+
+
+@pytest.mark.parametrize(
+    ("words", "refusal"),
+    [
+        (["--switch", "q1.analysers=0"], "switch with a Bell analyser between them"),
+        (["--source", "own"], "both ends make pairs"),
+    ],
+)
+def test_swaps_that_no_switch_or_another_source_would_do_are_refused(
+    words: list[str], refusal: str
+) -> None:
+    with pytest.raises(BadInput, match=refusal):
+        asked("--service", "swap", *words)
 
 
 def test_the_hosts_of_a_line_are_any_in_any_order_all_alike() -> None:

@@ -14,7 +14,6 @@ from evidence.traffic import job as load
 from evidence.traffic.request import LoadRequest
 from qmn.__main__ import described
 from qmn.jobs.counted_service import checked
-from qmn.network.description import describe_network
 from qmn.options import BadInput, from_keywords
 from qmn.requests.service import service_request
 from topologies.chain import ChainTopo
@@ -171,7 +170,7 @@ def test_of_traffic_one_way_whose_source_is_who_asks_the_asked_make_no_pairs() -
 
 def check_load(word: str, **options: Any) -> None:
     request = from_keywords(LoadRequest, {"device": [word], **options}, topology="ring")
-    load.checked(request, describe_network(request.network))
+    load.checked(request)
 
 
 @pytest.mark.parametrize(
@@ -230,9 +229,8 @@ def test_traffic_of_two_hosts_has_no_light_at_a_third(
     """In the ring of q1 to q4 light of alice (q1) and bob (q3) can go both ways round."""
     traffic = {"service": "bb84", "senders": "alice", "receivers": "bob", **options}
     request = from_keywords(LoadRequest, traffic, topology="ring")
-    network = describe_network(request.network)
     with pytest.raises(BadInput, match=refusal) if refusal else nullcontext():
-        load.checked(request, network)
+        load.checked(request)
 
 
 def test_settings_of_presets_that_a_job_does_not_feel_are_named() -> None:
