@@ -15,6 +15,7 @@ from test_switch_analysers import PAIRS, PatientClock, Scene, correlated
 
 from wire.dispatcher_pb2 import (
     BellOutcomes,
+    CreateRequest,
     EmitRequest,
     KeepRequest,
     MeasureRequest,
@@ -30,12 +31,14 @@ TRAIN_S = (PAIRS - 1) / FAST_HZ
 SLOW_HZ = 500  # a block takes longer than the clock jumps
 
 
-def play(folder: Path, act: Callable[[Scene], Awaitable[None]], **memory: Any) -> None:
+def play(
+    folder: Path, act: Callable[[Scene], Awaitable[None]], sources: int = 0, **memory: Any
+) -> None:
     """Run a scene on the network whose q1 has an analyser and two memories."""
 
     async def run() -> None:
         clock = PatientClock()
-        q1 = QuantumSwitch("q1", analysers=1, memories=2, memory=Memory(**memory))
+        q1 = QuantumSwitch("q1", analysers=1, sources=sources, memories=2, memory=Memory(**memory))
         async with running(replace(configuration(folder), switches=[q1]), clock) as bench:
             scene = Scene(bench, clock)
             await scene.reports.initial_metadata()
@@ -315,6 +318,36 @@ async def emit(bench: Bench, **request: int) -> None:
     """Have the source of q1 emit."""
     fields = {"port": 62_002, "count": PAIRS, "rate_hz": FAST_HZ, **request}
     await bench.switch.call("Emit", EmitRequest(switch="q1", **fields))
+
+
+@pytest.mark.parametrize("basis", [MeasureRequest.Z, MeasureRequest.X, MeasureRequest.Y])
+def test_a_qubit_that_waits_in_a_memory_is_teleported_to_a_host(tmp_path: Path, basis: Any) -> None:
+    """Two entries lead it, and a half of the switch's own pairs, to the analyser."""
+    bits = np.random.default_rng(5).integers(0, 2, PAIRS, np.uint8)
+    first = {MeasureRequest.Z: 0, MeasureRequest.X: 2, MeasureRequest.Y: 4}[basis]
+    seen = list[np.ndarray[Any, Any]]()
+
+    async def act(scene: Scene) -> None:
+        alice, bob, switch = scene.bench.alice, scene.bench.bob, scene.bench.switch
+        pairs = (62_001, TWO), (62_002, 4)
+        await switch.connect((3, ONE), *pairs)
+        states = (bits + np.uint8(first)).tobytes()
+        prepared = CreateRequest(
+            session=7, count=PAIRS, state=CreateRequest.PREPARED, states=states
+        )
+        await alice.act(prepared)
+        await alice.send((block(0), "alice-q0"))
+        await require_stored(scene, ONE)
+        await emit(scene.bench, port=62_001, session=9)
+        await require_stored(scene, TWO)
+        await bob.receive(block(0, 1, 9), "bob-q0")
+        await switch.connect((3, ONE), *pairs, *LEADING)
+        await bob.apply(block(0, 1, 9), (await swapped(scene)).tobytes())
+        measured = await bob.measure(block(0, 1, 9), basis)
+        seen.append(np.frombuffer(measured.outcomes, np.uint8))
+
+    play(tmp_path, act, sources=1)
+    assert np.array_equal(seen[0], bits)
 
 
 def test_light_in_parts_that_fail_ends_by_name_until_they_are_repaired(tmp_path: Path) -> None:
