@@ -136,8 +136,8 @@ class Setups:
         if request.setup.service == Service.SWAP:
             hops = (hop for path in admission.paths for hop in path.hops)
             policy = self.terms.policy
-            hosts = _hosts(request)
-            session.turns = swap_turns(hops, policy.schedule, policy.purification, hosts)
+            terms = policy.schedule, policy.purification, _hosts(request)
+            session.turns = swap_turns(hops, *terms)
         return self.light.open(request, session, admission.paths)
 
 
@@ -146,4 +146,4 @@ def _hosts(request: Request) -> Hosts:
     assert request.held is not None
     acceptor, opener = (request.held.segment.frame[at : at + 6] for at in (0, 6))
     addresses = {Receivers.OPENER: opener, Receivers.ACCEPTOR: acceptor}
-    return Hosts(request.held.dpid, addresses)
+    return Hosts(request.setup.session, request.held.dpid, addresses)

@@ -49,6 +49,7 @@ Due = list[Command | Release]
 class Hosts(NamedTuple):
     """Where frames to the hosts of a session go in, and from which address theirs come."""
 
+    session: int = 0
     dpid: int = 0
     addresses: Mapping[Receivers, bytes] = MappingProxyType({})
 
@@ -120,9 +121,10 @@ class SwapTurns:
         at_both = np.flatnonzero(np.bitwise_or.reduce(held) == 0)  # 0: it is held
         operators = np.zeros(at_both.size, np.uint8)
         if self.stations:
-            if block not in (states := self._held[self.stations[span.left]]):
+            states = self._held[self.stations[span.left]].pop(block, None)
+            if states is None or (at_both.size and states.pulses != held[0].size):
                 return []
-            operators = np.frombuffer(states.pop(block).outcomes, np.uint8)[at_both]
+            operators = np.frombuffer(states.outcomes, np.uint8)[at_both]
         numbers = {end: self._held[end].pop(block).number for end in memories}
         left, right = (
             Half(end.port, numbers[end], held[0].size, at_both)
@@ -163,7 +165,7 @@ class SwapTurns:
         """Begin the next round of pairs, if there is one; tell hosts the last of all."""
         pairs, frames = self._pairs[block][span], list[AnalyserFrame]()
         if pairs.rounds:
-            seed = block, span.left, span.right, pairs.rounds
+            seed = self.hosts.session, block, span.left, span.right, pairs.rounds
             frames = pairs.begin_round(self.purification.protocol, seed)
         elif span == self._whole:
             del self._pairs[block]

@@ -14,7 +14,7 @@ from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop
 from controller_apps.policy.schedules import Purification
 from controller_apps.sessions.chain_pairs import Half, Pairs
-from controller_apps.sessions.swap_turns import NOWHERE, Command, SwapTurns, swap_turns
+from controller_apps.sessions.swap_turns import NOWHERE, Command, Hosts, SwapTurns, swap_turns
 from wire.analyser_frames import THIRD, AnalyserFrame, End, Receivers
 from wire.outcomes import NO_COINCIDENCE as NONE
 
@@ -212,3 +212,31 @@ def test_a_round_keeps_pairs_of_which_both_ends_measured_the_same() -> None:
     kept = [place for place, (a, b) in enumerate(cases) if a == b != NONE]
     assert pairs.left.at.tolist() == pairs.right.at.tolist() == kept
     assert (pairs.left.pulses, pairs.rounds) == (len(cases), 0)
+
+
+def commands(session: int, states: int, pulses: int = 40) -> list[AnalyserFrame]:
+    """Return what a link's ends are to do if a station reports so many Bell states of its pairs."""
+    hops = [Hop(1, port, port - 1000) for port in MEMORIES]
+    hops += [Hop(100 + link, 1, 60_001) for link in range(2)]
+    turns = swap_turns(hops, "parallel", Purification("bbpssw", 1), Hosts(session))
+    assert turns is not None
+    held = AnalyserFrame(MEMORIES[0], 1, End.STORED, pulses, 0, bytes(pulses))
+    herald = AnalyserFrame(60_001, 1, End.HERALDED, states, 0, bytes(states))
+    assert turns.arrived(SwitchPort(1, MEMORIES[0]), held) == []
+    due = turns.arrived(SwitchPort(100, 60_001), herald)
+    return [each.frame for each in due if isinstance(each, Command)]
+
+
+@pytest.mark.parametrize("states", [0, 39, 41])
+def test_a_station_that_reports_other_pairs_than_memories_hold_releases_nothing(
+    states: int,
+) -> None:
+    assert commands(7, states) == []
+
+
+def test_sessions_twirl_differently_and_both_ends_of_one_alike() -> None:
+    """Two draws of 40 of twelve symbols are alike by chance once in 12^40."""
+    ours, theirs = (commands(session, 40) for session in (7, 8))
+    assert [each.outcomes for each in ours] == [ours[0].outcomes] * 2
+    assert ours == commands(7, 40)
+    assert ours[0].outcomes != theirs[0].outcomes
