@@ -219,8 +219,10 @@ class AnalyserSocket:
                     ):
                         await self._more()
                     found = {each: self._analysers[each].pop() for each in there}
-                    if (left := self._end_rounds(number)) is not None:
-                        return _corrected(found, left)
+                    self._over = number
+                    self._news.set()
+                    if (left := self._left.pop(number, None)) is not None:
+                        return _corrected(found, left, pulses)
                     positions = np.arange(pulses)
                     if not limit_s:
                         positions = await self._positions(pulses, found.values())
@@ -233,12 +235,6 @@ class AnalyserSocket:
                 )
                 raise SessionError(Reason.NO_LIGHT, text) from error
         return _together(found, positions)
-
-    def _end_rounds(self, number: int) -> AnalyserFrame | None:
-        """Note that no round of a block is to come; return what is left of it."""
-        self._over = number
-        self._news.set()
-        return self._left.pop(number, None)
 
     async def _more(self) -> None:
         self._news.clear()
@@ -272,8 +268,11 @@ class AnalyserSocket:
         return np.flatnonzero(held) if gaps else np.arange(pulses)
 
 
-def _corrected(found: dict[bytes, AnalyserFrame], left: AnalyserFrame) -> Swapped:
+def _corrected(found: dict[bytes, AnalyserFrame], left: AnalyserFrame, pulses: int) -> Swapped:
     """Return the pairs that the controller has left, with its corrections."""
+    if not left.waited_us or left.pulses > pulses:
+        text = f"{left.pulses} pairs left of {pulses} by {left.waited_us} rounds of purification"
+        raise SessionError(Reason.PROTOCOL, text)
     outcomes = np.frombuffer(left.outcomes, np.uint8)
     positions = np.flatnonzero(outcomes != NO_COINCIDENCE)
     whole = _together(found, positions)

@@ -140,6 +140,24 @@ def test_rounds_of_purification_and_what_is_left_come_from_the_controller() -> N
     assert (left.positions.tolist(), left.outcomes.tolist(), left.rounds) == ([1, 3], [2, 0], 3)
 
 
+@pytest.mark.parametrize(("pulses", "rounds"), [(5, 1), (4, 0)])
+def test_pairs_left_of_no_round_or_beyond_the_block_end_the_session(
+    pulses: int, rounds: int
+) -> None:
+    with copper() as wire:
+        for switch in (1, 2):
+            wire.report(switch, 1, bytes(4))
+        wire.command(AnalyserFrame(1, 1, End.PURIFY, pulses, 0, bytes(pulses), rounds))
+
+        async def found() -> Swapped:
+            with wire.frames.reading():
+                wire.frames._read()
+                return await wire.frames.next(4, 2, number=1)
+
+        with pytest.raises(SessionError, match=f"{pulses} pairs left of 4 by {rounds} rounds"):
+            asyncio.run(found())
+
+
 def test_analysers_beyond_the_most_are_not_heard() -> None:
     with copper() as wire:
         for switch in range(MOST_ANALYSERS + 1):
