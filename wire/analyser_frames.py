@@ -39,8 +39,9 @@ MOST_PULSES = 1 << 24
 MOST = (1 << 32) - 1
 PLACES = b"\x02\0\0\0\0"  # of a chain: what the address of an analyser's frame begins with
 # Four bits of each outcome are a hexadecimal digit.
-DIGITS = bytes.maketrans(bytes([*range(12), NO_COINCIDENCE]), b"0123456789abf")
-OUTCOMES = bytes.maketrans(b"0123456789abf", bytes([*range(12), NO_COINCIDENCE]))
+SYMBOLS = bytes([*range(12), NO_COINCIDENCE])
+DIGITS = bytes.maketrans(SYMBOLS, b"0123456789abf")
+OUTCOMES = bytes.maketrans(b"0123456789abf", SYMBOLS)
 THIRD = 4  # of an outcome, beside its Pauli operator
 METHODS = range(2, 6)  # of rounds of purification: protocol and end
 PORT_DESCRIPTION = struct.Struct("!HHIIHHI")  # type, length, experimenter, its type; kind, …

@@ -33,6 +33,7 @@ from dispatcher.operations.transport import Transport
 from dispatcher.refusal import Refusal, invalid, not_found
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.timeouts import FIRST_HERALD_S, MEMORY_WAIT_S
+from wire.analyser_frames import METHODS, SYMBOLS
 from wire.dispatcher_pb2 import (
     BellOutcomes,
     Feedback,
@@ -124,6 +125,8 @@ class SwitchMemories:
 
     def keep(self, _node: str, request: KeepRequest) -> KeepReply:
         """Discard pulses of a block that are not to leave; later requests may name others."""
+        if request.method not in (0, *METHODS) or request.outcomes.translate(None, SYMBOLS):
+            raise invalid(f"method {request.method} or an outcome of it is none: see KeepRequest")
         found = (
             block
             for node, part in self._layer.network.memories.items()

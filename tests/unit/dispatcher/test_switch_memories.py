@@ -236,6 +236,19 @@ async def keep(
     await scene.bench.switch.call("Keep", request)
 
 
+@pytest.mark.parametrize(("method", "outcome"), [(1, 0), (6, 0), (9, 0), (0, 12), (2, 254)])
+def test_methods_and_outcomes_that_no_frame_has_are_refused(
+    tmp_path: Path, method: int, outcome: int
+) -> None:
+    async def act(scene: Scene) -> None:
+        request = KeepRequest(switch="q1", port=ONE, number=1, method=method)
+        request.outcomes = bytes([outcome])
+        with pytest.raises(grpc.aio.AioRpcError, match=f"method {method} or an outcome"):
+            await scene.bench.switch.call("Keep", request)
+
+    play(tmp_path, act)
+
+
 def test_light_that_nothing_releases_or_that_finds_no_room_ends_by_name(tmp_path: Path) -> None:
     async def act(scene: Scene) -> None:
         await scene.bench.switch.connect(*STORING)
