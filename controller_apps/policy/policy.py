@@ -152,7 +152,7 @@ class Policy:
     devices: dict[str, DeviceSettings] = field(default_factory=dict)  # overrides, by host name
     reporting: Reporting = Reporting()
     taps: tuple[Tap, ...] = ()
-    schedule: str = PARALLEL  # of chains of repeaters
+    schedule: str = PARALLEL  # of chains of switches
     purification: Purification = UNPURIFIED  # in them
     filter: Filter = Filter()
     queue: Queue = IN_TURN  # of those that wait for light

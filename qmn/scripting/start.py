@@ -79,7 +79,7 @@ def start_for(
     """Start a network made for a job of `qmn run`, by options of both, on which it can `run`.
 
     Its topology is that of the job, unless one is named; it has the eavesdropper or the schedule of
-    repeaters that the job asks for. Otherwise as `start`.
+    swaps that the job asks for. Otherwise as `start`.
     """
     find_tools()
     of_machines = {name: options.pop(name) for name in MACHINES if name in options}

@@ -3,7 +3,7 @@
 Values that no paper states are in docs/nodes.md ("Estimates").
 
 qmn run distribute --node ion-trap --node charlie=station --count 20
-sudo PYTHONPATH=. mn --custom topologies/repeaters.py --topo repeaters,node=ion-trap
+sudo PYTHONPATH=. mn --custom topologies/chain.py --topo chain,node=ion-trap
 
 The controller does not know them: it goes by the features that follow from a device
 (wire.features).

@@ -32,7 +32,8 @@ REMEDIES = {
     Reason.SETUP_UNSEEN: "a quantum switch has got no copy of the set-up message itself, and the "
     "network demands it (`--metadata-at-switch required`); is its copper whole?",
     Reason.NO_CHAIN: "no chain of 1 to 64 switches that swap joins these hosts; each needs a free "
-    "Bell analyser, of several also two memories and a source (`--switch analysers=1`)",
+    "Bell analyser, of several also two memories and a source (`--switch analysers=1`). In "
+    "heralded chains stations and switches with memories that emit take turns",
 }
 
 SAME_VERSION = "do both hosts run the same version?"

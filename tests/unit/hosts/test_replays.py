@@ -88,7 +88,7 @@ def test_a_set_up_that_is_sent_again_in_mid_session_disturbs_nobody(
 
 
 def first_of_each(recorder: Recorder) -> list[Setup]:
-    """Return the set-ups that went to different hosts: of links to the first repeater alone."""
+    """Return the set-ups that went to different hosts."""
     return list({host_of(setup): setup for setup in reversed(recorder.granted)}.values())
 
 

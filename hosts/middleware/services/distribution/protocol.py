@@ -1,7 +1,7 @@
 """The protocol of entanglement distribution at both ends: no socket, no clock.
 
 The opener decides, block by block, by what it has measured; the acceptor follows. How new blocks
-come to both ends is for others to say (sharing.py, and swapping, whose pairs come by repeaters and
+come to both ends is for others to say (sharing.py, and swapping, whose pairs come by switches and
 of which several blocks are under way).
 """
 
