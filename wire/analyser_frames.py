@@ -44,6 +44,7 @@ DIGITS = bytes.maketrans(SYMBOLS, b"0123456789abf")
 OUTCOMES = bytes.maketrans(b"0123456789abf", SYMBOLS)
 THIRD = 4  # of an outcome, beside its Pauli operator
 METHODS = range(2, 6)  # of rounds of purification: protocol and end
+MAX_UNDER_WAY = 4  # blocks of one chain, at once
 PORT_DESCRIPTION = struct.Struct("!HHIIHHI")  # type, length, experimenter, its type; kind, …
 OFPPDPT_EXPERIMENTER = 0xFFFF
 MEMORY = struct.Struct("!IIQQQ")  # modes, efficiency in ppm, T1, T2 and cut-off in ns

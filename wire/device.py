@@ -57,7 +57,6 @@ TAG_BYTES = 16
 UNSET = 0xFFFFFFFF
 PORT = struct.Struct("!15s?")
 MAX_LEVEL_ROUNDS = 8  # of purification, of each span
-MAX_UNDER_WAY = 4  # blocks of one chain, at once
 
 
 @dataclass(frozen=True)

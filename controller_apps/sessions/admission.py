@@ -16,7 +16,7 @@ from controller_apps.sessions.node_features import block_pairs, first_want
 from controller_apps.sessions.returns import returned_on
 from controller_apps.sessions.sessions import Refusal, Session, Sessions
 from controller_apps.sessions.switch_chains import most_pairs, swapping
-from wire.device import MAX_UNDER_WAY
+from wire.analyser_frames import MAX_UNDER_WAY
 from wire.light import Role
 from wire.metadata.setup import OBSTACLE_BYTES, Setup
 from wire.metadata.vocabulary import Handshake, MemoryState, Reason, Service

@@ -25,8 +25,7 @@ from controller_apps.light.paths import Hop, Network, directions
 from controller_apps.light.routing import LightPath, Limits
 from controller_apps.sessions.actions import Emit
 from controller_apps.sessions.sessions import Session
-from wire.analyser_frames import AnalyserFrame, Emission
-from wire.device import MAX_UNDER_WAY
+from wire.analyser_frames import MAX_UNDER_WAY, AnalyserFrame, Emission
 from wire.parameters.switch import (
     FIRST_EMITTER_PORT,
     FIRST_MEMORY_PORT,

@@ -109,8 +109,6 @@ def _field(name: str, offset: int, size: int, code: str, enums: Enums) -> Field:
     if code == "s":
         named = {
             "source": "ipv4",
-            "right": "ipv4",
-            "station": "ipv4",
             "target": "ipv4",
             "peer": "ipv4",
             "opener": "ipv4",

@@ -49,8 +49,7 @@ from hosts.middleware.session.protocol import (
     own_pairs,
 )
 from hosts.timeouts import HERALD_TIMEOUT_S
-from wire.analyser_frames import THIRD, AnalyserFrame, Receivers
-from wire.device import MAX_UNDER_WAY
+from wire.analyser_frames import MAX_UNDER_WAY, THIRD, AnalyserFrame, Receivers
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import MemoryState, Reason, Service
 from wire.outcomes import NO_COINCIDENCE
