@@ -22,8 +22,8 @@ JOBS = {
 ONE_BLOCK = "--rate-hz 4e9 --sample 0.9 --captures none --without report,record"
 
 
-def said(figure: dict[str, Any]) -> str:
-    """Return what is said behind `qmn` for a figure; alice alone forgets if pairs are purified."""
+def command_for(figure: dict[str, Any]) -> str:
+    """Return the words behind `qmn` for a figure; alice alone forgets if pairs are purified."""
     job, waits = figure["job"], figure.get("waits")
     pairs = f"--count {figure.get('pairs', 2000)} --block-pairs {figure['block']}"
     settings = [f"source.fidelity={figure['source']:g}"]
@@ -56,8 +56,8 @@ def of_figure(figure: dict[str, Any], run: Run) -> Iterator[Finding]:
     yield Finding(figure["chart"], f"F, {what}", Estimate(asking.fidelity, error), theirs, waits)
     if "survived" in figure:
         ours = proportion(asking.survived, asking.compared)
-        told = proportion(figure["survived"], figure["rounds"])
-        published = Published(told.value, told.error, program)
+        success = proportion(figure["survived"], figure["rounds"])
+        published = Published(success.value, success.error, program)
         yield Finding("success", f"success, {what}", ours, published, waits)
     if waits is not None:
         time_s = figure["flights"] * FLIGHT_S / waits
@@ -73,7 +73,7 @@ def findings(runs: Runs) -> list[Finding]:
 LAB = Lab(
     title="swaps and purifications of pairs that wait, as MQNS has them",
     paper="Abane et al., Multiverse: A Simulator for … Entanglement Routing, arXiv:2512.22937",
-    runs={name: said(figure) for name, figure in FIGURES.items()},
+    runs={name: command_for(figure) for name, figure in FIGURES.items()},
     findings=findings,
     theirs="MQNS",
     charts=(
