@@ -51,7 +51,7 @@ def translated(words: Sequence[str]) -> list[str]:
     if today[:1] and today[0] in WITH_NETWORK:
         today = _with_pace([new for word in today for new in OPTIONS.get(word, (word,))])
         today = _with_parameters(today)
-    if today[:2] == ["run", "swap"]:
+    if today[:2] == ["run", "swap"] or today[:3] == ["lab", "sweep", "swap"]:
         today = [_of_switches(word) for word in today]
     if today != [*words]:
         print(
@@ -64,11 +64,24 @@ def translated(words: Sequence[str]) -> list[str]:
 def _of_switches(word: str) -> str:
     """Return a chain of as many switches for the topology of hosts that were repeaters."""
     flag, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
+    if flag == "--repeaters":  # of a sweep, which varies it
+        return f"--switches{equals}{value}"
     name, *parameters = value.split(",")
     if name != "repeaters" and not any(each.startswith("repeaters=") for each in parameters):
         return word
-    parameters = [each.replace("repeaters=", "switches=") for each in parameters]
-    return f"{flag}{equals}{','.join(['chain', *parameters])}"
+    kept = [each for each in parameters if each.partition("=")[0] != "stations"]
+    stations = len(kept) < len(parameters)
+    return f"{flag}{equals}{','.join(['chain', *(_switches(each, stations) for each in kept)])}"
+
+
+def _switches(parameter: str, stations: bool) -> str:
+    """Return as many switches for a number of repeaters, and those between if stations were."""
+    name, equals, value = parameter.rpartition("=")
+    if name not in ("", "repeaters"):
+        return parameter
+    if stations and value.isdecimal():
+        value = str(2 * int(value) + 1)
+    return f"switches={value}" if equals else value
 
 
 def _has_kind(words: Sequence[str]) -> bool:
