@@ -193,8 +193,7 @@ def fitted(
             raise BadInput(f"{LINE} {name}: {remedy(name, network.hosts)}")
     check_source(request.options, network.hosts)
     if isinstance(request.options, SwapOptions):
-        swaps = swaps_from(request.sender, [options.host], network.parts)[options.host]
-        options = replace(request.options, swaps=request.options.swaps or swaps)
+        options = with_swaps(request.options, request.sender, network.parts)
         request = replace(request, options=options)
     named = verb_of(request.service).source
     taking_part = *ends, *request.others
@@ -232,6 +231,18 @@ def with_parts(network: NetworkOptions) -> NetworkOptions:
         kinds = cycle(("station", kind))
         words = tuple(f"{name}.parts={each}" for name, each in zip(names, kinds, strict=False))
     return replace(network, switch=(*words, *network.switch))
+
+
+def with_swaps(options: SwapOptions, sender: str, parts: Description) -> SwapOptions:
+    """Return the options with a number of swaps; raise BadInput for one that cannot be."""
+    able = swaps_from(sender, [options.host], parts)[options.host]
+    most = sum(each.analysers > 0 for each in parts.switches.values())
+    if options.swaps > most:
+        raise BadInput(f"--swaps {options.swaps}: {most} switches can swap; choose at most {most}")
+    if is_heralded(parts.hosts[sender].features) and options.swaps and options.swaps % 2 == 0:
+        text = "a heralded chain begins and ends with a station: choose an odd number"
+        raise BadInput(f"--swaps {options.swaps}: {text}")
+    return replace(options, swaps=options.swaps or able)
 
 
 def swaps_from(sender: str, receivers: Iterable[str], parts: Description) -> dict[str, int]:

@@ -72,6 +72,18 @@ def test_a_swap_goes_over_all_switches_of_a_chain() -> None:
     assert network.hosts == ["alice", "bob", "charlie"]
 
 
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        ("chain,3 --swaps 9", "--swaps 9: 3 switches can swap; choose at most 3"),
+        ("chain,5 --node nv-centre --swaps 4", "--swaps 4: .* station: choose an odd number"),
+    ],
+)
+def test_swaps_that_a_chain_cannot_do_are_refused(words: str, text: str) -> None:
+    with pytest.raises(BadInput, match=text):
+        checked(parse("swap", "--topology", *words.split()))
+
+
 def test_more_hosts_than_a_line_may_have_are_refused() -> None:
     with pytest.raises(BadTopology, match="65 repeaters: choose 1 to 64"):
         options_of("ghz", "--topology", "repeaters,65", "--line", "alice,r1,bob")
