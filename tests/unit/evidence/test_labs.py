@@ -19,8 +19,10 @@ from evidence.labs.drawing import draw_charts, picture
 from evidence.labs.lab import Chart, Finding, Lab, Published, Run, exactly, in_range, paired
 from evidence.labs.networks import words_of
 from qmn.__main__ import described
+from qmn.jobs.counted_service import checked
 from qmn.needs import Needs, needs_of
 from qmn.options import BadInput
+from qmn.verbs.run import service_request
 from topologies.networks.network import Signals
 
 NAMES = catalogue.names()
@@ -112,6 +114,8 @@ def test_every_run_of_a_lab_is_a_command(name: str, tmp_path: Path) -> None:
             assert arguments.words == ["--seed", "1", "--runs", str(tmp_path)]
         else:
             assert (arguments.seed, arguments.runs) == (1, tmp_path)
+        if getattr(arguments, "service", "") == words[1]:  # else a job of another kind
+            checked(service_request(arguments))
         assert "--seed" not in shlex.split(said)
 
 
