@@ -121,6 +121,6 @@ class RequestTable:
         if request.HasField("block") == bool(request.session):
             raise invalid("name either a block or a session that is not 0")
         if request.session:
-            self.heralding.forget(node, request.session)
+            self.stations.forget(node, request.session)
             return self.blocks.discard_session(node, request.session)
         return self.blocks.discard(node, request.block)

@@ -95,6 +95,14 @@ class Stations:
         )
         await self.attempt(node, attempt)
 
+    def forget(self, node: str, session: int) -> None:
+        """Forget what a node attempts in a session that it discards."""
+        self._heralding.forget(node, session)
+        for queue in self._waiting.values():
+            for each in list(queue):
+                if (each.node, each.name.session) == (node, session):
+                    self._take(queue, each)
+
     def close(self, switch: str, connected: set[int]) -> None:
         """End attempts at inputs to which no connection of the switch leads any more."""
         for node, part in self._layer.network.analysers.items():

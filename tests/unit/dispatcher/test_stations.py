@@ -26,6 +26,7 @@ from wire.dispatcher_pb2 import (
     AttemptRequest,
     BellOutcomes,
     BlockId,
+    DiscardRequest,
     EmitRequest,
     InjectFaultRequest,
     KeepRequest,
@@ -303,6 +304,19 @@ def test_attempts_that_meet_none_or_do_not_fit_end_by_name() -> None:
         await network.report("q1", BellOutcomes.NO_PARTNER)
 
     play(act, device, station("q1"), repeater("q2", other))
+
+
+def test_attempts_of_a_session_that_is_discarded_meet_nobody() -> None:
+    async def act(network: Network) -> None:
+        laboratory = network.laboratory
+        await laboratory.connect("q1", {1: FIRST, 2: SECOND})
+        await network.attempt("alice", 0, 9)
+        await laboratory.act("alice", "discard", DiscardRequest(session=1))
+        await network.attempt("bob", 1, 9)
+        await network.attempt("alice", 2, 5)
+        assert (await network.report("q1", BellOutcomes.HERALDED)).photons == 5
+
+    play(act, of_little_light(SINGLE, memory=Memory(capacity=20)), station("q1"))
 
 
 def test_pairs_end_with_the_entry_by_which_their_memory_emits() -> None:
