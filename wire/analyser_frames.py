@@ -20,7 +20,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Self, TypeVar
+from typing import Literal, Self, TypeVar
 
 from wire.malformed import MalformedPacket
 from wire.optical import EXPERIMENTER
@@ -45,6 +45,16 @@ OUTCOMES = bytes.maketrans(b"0123456789abf", SYMBOLS)
 THIRD = 4  # of an outcome, beside its Pauli operator
 METHODS = range(2, 6)  # of rounds of purification: protocol and end
 MAX_UNDER_WAY = 4  # blocks of one chain, at once
+LocalGate = Literal["H", "S", "S_DAG"]
+PHOTONS = 2  # that go into one of purification
+# Rotations that leave Phi+ as it is and exchange the other Bell states, at the left end; the other
+# has the complex conjugate of each gate. By a third of the pairs each, and Pauli operators, twirl.
+CYCLES: tuple[tuple[tuple[LocalGate, ...], ...], ...] = (
+    ((), ("S", "H"), ("H", "S_DAG")),
+    ((), ("S_DAG", "H"), ("H", "S")),
+)
+# A quarter turn about X at the left end, and back at the right one.
+QUARTER_TURNS: tuple[tuple[LocalGate, ...], ...] = (("H", "S", "H"), ("H", "S_DAG", "H"))
 PORT_DESCRIPTION = struct.Struct("!HHIIHHI")  # type, length, experimenter, its type; kind, …
 OFPPDPT_EXPERIMENTER = 0xFFFF
 MEMORY = struct.Struct("!IIQQQ")  # modes, efficiency in ppm, T1, T2 and cut-off in ns

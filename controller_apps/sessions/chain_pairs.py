@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller_apps.policy.schedules import PROTOCOLS
-from wire.analyser_frames import THIRD, AnalyserFrame, End
+from wire.analyser_frames import PHOTONS, THIRD, AnalyserFrame, End
 from wire.outcomes import NO_COINCIDENCE
 
-PHOTONS = 2  # that go into one
 THIRDS, PAULIS = 3, 4
 Symbols = NDArray[np.uint8]
 

@@ -18,19 +18,12 @@ from dispatcher.operations.gathering import Gathering
 from dispatcher.operations.measurements import Measurements
 from dispatcher.refusal import invalid
 from dispatcher.sabot.backend import Bytes
-from wire.analyser_frames import THIRD
+from wire.analyser_frames import CYCLES, PHOTONS, QUARTER_TURNS, THIRD, LocalGate
 from wire.dispatcher_pb2 import ApplyRequest, Feedback, Gate, GatherRequest, MeasureRequest, Pick
 from wire.features import GATE, MEASURE
 from wire.outcomes import NO_CLICK
 
 DEJMPS = 2  # half of its methods
-PHOTONS = 2  # that go into one
-# At the left end, and at the right end: the complex conjugates.
-QUARTER_TURNS = ((Gate.H, Gate.S, Gate.H), (Gate.H, Gate.S_DAG, Gate.H))
-CYCLES = (
-    ((), (Gate.S, Gate.H), (Gate.H, Gate.S_DAG)),
-    ((), (Gate.S_DAG, Gate.H), (Gate.H, Gate.S)),
-)
 TARGETS, FIRST_THIRD = 2, 3  # halves that no source makes, beside those of the block
 
 
@@ -76,7 +69,7 @@ class Purification:
         return left, outcomes, over
 
     def _turn_thirds(
-        self, node: str, name: BlockName, thirds: Bytes, cycle: tuple[tuple["Gate.Name", ...], ...]
+        self, node: str, name: BlockName, thirds: Bytes, cycle: tuple[tuple[LocalGate, ...], ...]
     ) -> NDArray[np.intp]:
         """Turn each third of a block by its gates; return where each pulse is in it then."""
         parts: dict[BlockName, NDArray[np.intp]] = {}
@@ -102,7 +95,7 @@ class Purification:
         request = GatherRequest(into=block_id(into), picks=picked, keep_rest=keep_rest)
         self._gathering.gather(node, request)
 
-    def _apply(self, node: str, name: BlockName, paulis: Bytes, *gates: "Gate.Name") -> None:
+    def _apply(self, node: str, name: BlockName, paulis: Bytes, *gates: LocalGate) -> None:
         """Apply a Pauli operator to each photon where one is not I, then gates to all."""
         values = paulis.tobytes() if paulis.any() else b""
         if values or gates:

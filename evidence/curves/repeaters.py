@@ -32,7 +32,6 @@ from hosts.hardware.simulated import SimulatedQnic
 from hosts.middleware.services.distribution import sharing
 from hosts.middleware.services.distribution.protocol import Opening, follow
 from hosts.middleware.services.distribution.purification import (
-    PHOTONS,
     DistributeOptions,
     Protocol,
     purify,
@@ -41,6 +40,7 @@ from hosts.middleware.session import protocol
 from hosts.middleware.session.performing import Performer
 from hosts.middleware.session.protocol import Effect, HostSide, Light, OpenerSide
 from hosts.middleware.session.values import Lifetimes
+from wire.analyser_frames import PHOTONS
 from wire.dispatcher_pb2 import Feedback, Step
 from wire.features import EVERYTHING, NodeFeatures
 from wire.metadata.header import Message

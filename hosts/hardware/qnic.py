@@ -9,7 +9,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +30,7 @@ from hosts.hardware.replies import (
     stored_of,
     symbols_of,
 )
+from wire.analyser_frames import LocalGate
 from wire.dispatcher_pb2 import (
     CreateRequest,
     Gate,
@@ -46,7 +46,6 @@ from wire.keyed import KeyedChoices
 log = logging.getLogger("qnic")
 
 Positions = NDArray[np.integer]
-LocalGate = Literal["H", "S", "S_DAG"]
 LEFT_ALONE = 255  # instead of a basis
 MAX_STEPS = 64  # in one order
 

@@ -26,7 +26,6 @@ from hosts.hardware.qnic import Qnic
 from hosts.middleware.services.distribution.distribute import make_pairs, share_pairs
 from hosts.middleware.services.distribution.pairs import Mask, Moments, Pairs
 from hosts.middleware.services.distribution.purification import (
-    PHOTONS,
     DistributeOptions,
     Protocol,
     compare,
@@ -49,7 +48,7 @@ from hosts.middleware.session.protocol import (
     own_pairs,
 )
 from hosts.timeouts import HERALD_TIMEOUT_S
-from wire.analyser_frames import MAX_UNDER_WAY, THIRD, AnalyserFrame, Receivers
+from wire.analyser_frames import MAX_UNDER_WAY, PHOTONS, THIRD, AnalyserFrame, Receivers
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import MemoryState, Reason, Service
 from wire.outcomes import NO_COINCIDENCE
@@ -94,7 +93,7 @@ class Blocks:
         yield side.say(Topic.SWAPPED, number, swapped.blocks, 32)
         yield side.say(Topic.ARRIVED, number, kept, 1)
         theirs = yield from hear(Topic.ARRIVED, number, kept.size, 1)
-        yield from self._take(side.block(number), number, swapped)
+        yield from take(side.block(number), {self._kept(number): swapped.positions})
         pairs.facts.attempts += swapped.attempts
         emitted = swapped.heralded if self._is_heralded else size
         yield from pairs.share(number, kept, theirs.astype(bool), emitted, since_ns)
@@ -117,7 +116,7 @@ class Blocks:
             raise SessionError(Reason.PROTOCOL, text + "session use them")
         arrived = yield from hear(Topic.ARRIVED, number, kept.size, 1)
         name = side.block(number, half=1)
-        yield from self._take(name, number, swapped)
+        yield from take(name, {self._kept(number): swapped.positions})
         if kept.size:
             operators = np.where(kept, swapped.outcomes, 0).astype(np.uint8)
             corrected_ns = yield from do(Qnic.apply, name, operators)
@@ -180,9 +179,6 @@ class Blocks:
             since_ns = yield from stored_since(name)
         return swapped, swapped.outcomes != NO_COINCIDENCE, since_ns
 
-    def _take(self, into: BlockName, number: int, swapped: Swapped) -> Steps[None]:
-        yield from take(into, {self._kept(number): swapped.positions})
-
     def _purify(self, name: BlockName, block: int) -> Steps[None]:
         """Do the rounds of purification before swaps that the controller commands."""
         # Blocks in use meanwhile are not those beside pairs that are delivered.
@@ -194,8 +190,7 @@ class Blocks:
             symbols = np.frombuffer(command.outcomes, np.uint8)
             at = np.flatnonzero(symbols != NO_COINCIDENCE)
             if at.size < PHOTONS:
-                text = f"{at.size} pairs of block {block} to purify"
-                raise SessionError(Reason.PROTOCOL, text)
+                raise SessionError(Reason.PROTOCOL, f"{at.size} pairs of block {block} to purify")
             yield from take(name, {name: at})
             protocol, turns = Protocol(command.method // 2), divmod(symbols[at], THIRD)
             bits = yield from compare(names, self._half, protocol, turns[1], turns[0])

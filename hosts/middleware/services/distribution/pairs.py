@@ -14,7 +14,7 @@ from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Positions, Qnic
 from hosts.hardware.replies import Symbols
 from hosts.middleware.services.distribution.fidelity import Estimate
-from hosts.middleware.services.distribution.purification import PHOTONS, Protocol, purify
+from hosts.middleware.services.distribution.purification import Protocol, purify
 from hosts.middleware.session.blocks import (
     ASKED,
     LOST,
@@ -31,6 +31,7 @@ from hosts.middleware.session.blocks import (
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import HostSide, Now, Steps, do, hear
 from hosts.middleware.session.values import Lifetimes
+from wire.analyser_frames import PHOTONS
 from wire.metadata.values import Topic
 from wire.metadata.vocabulary import Reason
 from wire.outcomes import BASES

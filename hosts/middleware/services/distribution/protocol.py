@@ -13,7 +13,6 @@ import numpy as np
 from hosts.middleware.services.distribution.pairs import Pairs
 from hosts.middleware.services.distribution.purification import (
     MAX_ROUNDS,
-    PHOTONS,
     DistributeOptions,
     Protocol,
 )
@@ -32,6 +31,7 @@ from hosts.middleware.session.protocol import (
 )
 from hosts.middleware.session.values import NUMBERS, Lifetimes, expect
 from hosts.timeouts import MAX_BLOCK_S
+from wire.analyser_frames import PHOTONS
 from wire.features import GATE, MEASURE
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import Reason

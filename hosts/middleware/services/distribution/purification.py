@@ -14,16 +14,15 @@ from enum import IntEnum
 import numpy as np
 
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import LocalGate, Positions, Qnic
+from hosts.hardware.qnic import Positions, Qnic
 from hosts.hardware.replies import Symbols
 from hosts.middleware.session.blocks import LOST, TARGETS, THIRDS, reserved, store
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import ServiceOptions
 from hosts.middleware.session.protocol import Steps, do
+from wire.analyser_frames import CYCLES, PHOTONS, QUARTER_TURNS
 from wire.metadata.vocabulary import Reason
 from wire.parameters.option import option
-
-PHOTONS = 2  # that go into one
 
 
 class Protocol(IntEnum):
@@ -32,16 +31,6 @@ class Protocol(IntEnum):
     NONE = 0
     BBPSSW = 1
     DEJMPS = 2
-
-
-# Rotations that leave Phi+ as it is and exchange the other Bell states, at either half: the other
-# has the complex conjugate of each gate. By a third of the pairs each, and Pauli operators, twirl.
-CYCLES: tuple[tuple[tuple[LocalGate, ...], ...], ...] = (
-    ((), ("S", "H"), ("H", "S_DAG")),
-    ((), ("S_DAG", "H"), ("H", "S")),
-)
-# A quarter turn about X at half 0, and back at half 1.
-QUARTER_TURNS: tuple[tuple[LocalGate, ...], ...] = (("H", "S", "H"), ("H", "S_DAG", "H"))
 
 
 def purify(name: BlockName, size: int, protocol: Protocol, seed: int) -> Steps[Symbols]:
