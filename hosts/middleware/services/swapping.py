@@ -194,7 +194,7 @@ class Blocks:
             yield from take(name, {name: at})
             protocol, turns = Protocol(command.method // 2), divmod(symbols[at], THIRD)
             bits = yield from compare(names, self._half, protocol, turns[1], turns[0])
-            self._frames.answer(command, bits)
+            yield Wait(partial(self._frames.answer, command, bits))
 
     def _kept(self, number: int) -> BlockName:
         return self._side.block(2 * number + self._half)

@@ -33,8 +33,6 @@ from wire.malformed import MalformedPacket
 from wire.metadata.vocabulary import Reason
 from wire.outcomes import NO_COINCIDENCE
 
-LONGEST = ETHERNET_BYTES + MOST_PAYLOAD
-PLACE = len(PLACES)
 MOST_REPORTS = 64  # that nobody has asked for yet, of each part of a switch
 MOST_ANALYSERS = 256  # that a session hears; forged frames may name more
 ENDS = {
@@ -152,7 +150,7 @@ class AnalyserSocket:
         for channel, group in zip(self._channels, self._groups, strict=True):
             with suppress(BlockingIOError):
                 while True:
-                    data, at = channel.recvfrom(LONGEST)
+                    data, at = channel.recvfrom(ETHERNET_BYTES + MOST_PAYLOAD)
                     if not data[0] & 1 or data[:6] in (BROADCAST, group):
                         with suppress(MalformedPacket):
                             self._take(data, AnalyserFrame.decode(data), at)
@@ -190,16 +188,22 @@ class AnalyserSocket:
         self._commands.pop(number, None)
         return None
 
-    def answer(self, command: AnalyserFrame, bits: NDArray[np.uint8]) -> None:
-        """Send the controller what was measured in a round."""
+    async def answer(self, command: AnalyserFrame, bits: NDArray[np.uint8]) -> None:
+        """Send the controller what was measured in a round; raise SessionError if copper fails."""
         answer = replace(
             command, end=End.PURIFIED, method=0, pulses=bits.size, outcomes=bits.tobytes()
         )
-        with socket.socket(socket.AF_PACKET, socket.SOCK_RAW) as channel:
-            channel.bind((self._copper, 0))
-            address = channel.getsockname()[-1]
-            for frame in frames_of(answer):
-                channel.send(frame.encode(self._to_controller, address))
+        loop, kind = asyncio.get_running_loop(), socket.SOCK_RAW | socket.SOCK_NONBLOCK
+        try:
+            with socket.socket(socket.AF_PACKET, kind) as channel:
+                channel.bind((self._copper, 0))
+                address = channel.getsockname()[-1]
+                async with asyncio.timeout(ANALYSER_TIMEOUT_S):
+                    for frame in frames_of(answer):
+                        await loop.sock_sendall(channel, frame.encode(self._to_controller, address))
+        except OSError as error:
+            text = f"{self._copper or 'no interface'}: {str(error) or 'time-out'}"
+            raise SessionError(Reason.NO_ANSWER, f"{text}: a round is not reported") from error
 
     async def next(
         self, pulses: int, analysers: int, limit_s: float = 0.0, number: int = 0
@@ -287,7 +291,7 @@ def _together(found: dict[bytes, AnalyserFrame], positions: NDArray[np.intp]) ->
     product[(each == NO_COINCIDENCE).any(axis=0)] = NO_COINCIDENCE
     numbers = sorted((crc32(analyser), frame.number) for analyser, frame in found.items())
     waited_us = {
-        analyser[PLACE]: frame.waited_us
+        analyser[len(PLACES)]: frame.waited_us
         for analyser, frame in found.items()
         if analyser.startswith(PLACES)
     }

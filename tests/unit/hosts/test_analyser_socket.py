@@ -158,6 +158,15 @@ def test_pairs_left_of_no_round_or_beyond_the_block_end_the_session(
             asyncio.run(found())
 
 
+def test_an_answer_that_copper_does_not_take_ends_the_session() -> None:
+    """Without rights to raw sockets as with them: each is an OSError."""
+    with copper() as wire:
+        command = AnalyserFrame(1, 1, End.PURIFY, 4, 0, bytes(4), method=4)
+        wire.frames._copper = "no-such-copper"
+        with pytest.raises(SessionError, match=r"no-such-copper: .* a round is not reported"):
+            asyncio.run(wire.frames.answer(command, np.zeros(2, np.uint8)))
+
+
 def test_analysers_beyond_the_most_are_not_heard() -> None:
     with copper() as wire:
         for switch in range(MOST_ANALYSERS + 1):
