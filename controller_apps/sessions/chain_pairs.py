@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from controller_apps.policy.schedules import PROTOCOLS
 from wire.analyser_frames import PHOTONS, THIRD, AnalyserFrame, End
 from wire.outcomes import NO_COINCIDENCE
+from wire.parameters.switch import HALVES
 
 THIRDS, PAULIS = 3, 4
 Symbols = NDArray[np.uint8]
@@ -53,7 +54,9 @@ class Pairs:
 
     @classmethod
     def of_link(cls, left: Half, right: Half, operators: Symbols, rounds: int) -> Self:
-        return cls(left, right, operators, np.ones(operators.size, bool), rounds)
+        """Return those of a link, by what its station reports; it may have missed a state."""
+        seen = operators != NO_COINCIDENCE
+        return cls(left, right, np.where(seen, operators, 0).astype(np.uint8), seen, rounds)
 
     @property
     def size(self) -> int:
@@ -100,7 +103,7 @@ class Pairs:
         if len(bits) != self.size // PHOTONS:
             return False
         self.bits[is_right] = np.frombuffer(bits, np.uint8)
-        if len(self.bits) < PHOTONS:
+        if len(self.bits) < HALVES:
             return False
         agreed = (self.bits[False] == self.bits[True]) & (self.bits[False] <= 1)
         at = np.flatnonzero(agreed)

@@ -139,10 +139,10 @@ def test_networks_apart_have_their_pages_at_one_address(tmp_path: Path) -> None:
     out = ["--out", str(tmp_path)]
     with running_qmn("lab", "sweep", "sdc", *grid, *out, "--live", end_s=DEADLINE_S) as sweep:
         url = next(filter(None, map(ADDRESS.search, sweep.stdout)))[1]
-        wait_until(lambda: told(f"{url}networks")["running"] == [1, 2], "two pages", DEADLINE_S)
+        wait_until(lambda: said_at(f"{url}networks")["running"] == [1, 2], "two pages", DEADLINE_S)
         readers = [Reader(f"{url}{number}/") for number in (1, 2)]
         for number in (1, 2):
-            shown = told(f"{url}{number}/network.json")
+            shown = said_at(f"{url}{number}/network.json")
             assert (shown["number"], shown["live"], shown["acts"]) == (number, True, True)
             done = act(f"{url}{number}/", act="repair", switch="q1")
             assert (done["status"], done["output"][:3]) == (0, "q1:"), done
@@ -150,7 +150,7 @@ def test_networks_apart_have_their_pages_at_one_address(tmp_path: Path) -> None:
             reader.join(DEADLINE_S)
             assert reader.ended
             assert reader.has("event", node="bob", kind="bell-measure")
-        wait_until(lambda: not told(f"{url}networks")["running"], "their end", DEADLINE_S)
+        wait_until(lambda: not said_at(f"{url}networks")["running"], "their end", DEADLINE_S)
     assert sweep.returncode == 0
     assert not answers(url)
 
@@ -160,21 +160,23 @@ def test_all_networks_of_a_machine_have_one_page(tmp_path: Path) -> None:
         url = next(filter(None, map(ADDRESS.search, page.stdout)))[1]
         try:
             with running_qmn("cli", "sdc", "--runs", str(tmp_path), typed=True) as network:
-                wait_until(lambda: told(f"{url}networks")["running"] == [1], "it", DEADLINE_S)
-                (name,) = told(f"{url}networks")["names"].values()
+                wait_until(
+                    lambda: said_at(f"{url}networks")["running"] == [1], "its page", DEADLINE_S
+                )
+                (name,) = said_at(f"{url}networks")["names"].values()
                 assert name.endswith((tmp_path / "latest").resolve().name)
-                assert told(f"{url}1/network.json")["number"] == 1
+                assert said_at(f"{url}1/network.json")["number"] == 1
                 assert network.stdin is not None
                 network.stdin.write("exit\n")
                 network.stdin.flush()
-            assert told(f"{url}networks")["running"] == []
+            assert said_at(f"{url}networks")["running"] == []
         finally:
             page.send_signal(signal.SIGINT)
     assert page.returncode == 0
     assert not MACHINE_PAGES.exists()
 
 
-def told(url: str) -> dict[str, Any]:
+def said_at(url: str) -> dict[str, Any]:
     """Return what an address says."""
     with urllib.request.urlopen(url, timeout=DEADLINE_S) as response:  # noqa: S310
         said: dict[str, Any] = json.load(response)

@@ -43,8 +43,8 @@ def test_switches_with_memories_that_emit_swap_heralded_links(tmp_path: Path, co
     asking = result_of(tmp_path, "swap", *switches(count), "--length-km", "5")["job"]["asking"]
     require_estimate(asking, OF_A_LINK ** ((count + 1) // 2), 0.0)
     log = (tmp_path / "latest" / "quantum.log").read_text()
-    told = {line.split()[1] for line in log.splitlines() if " herald " in line}
-    assert told == {f"q{number}-analyser1" for number in range(1, count + 1, 2)}
+    stations = {line.split()[1] for line in log.splitlines() if " herald " in line}
+    assert stations == {f"q{number}-analyser1" for number in range(1, count + 1, 2)}
 
 
 @pytest.mark.parametrize(
@@ -71,10 +71,10 @@ def rarely(detectors: float) -> list[str]:
 
 
 def heralds_of_q3(runs: Path) -> tuple[int, int]:
-    """Return how many blocks its station has told of, and of how many no pair."""
+    """Return how many blocks its station has reported, and how many without a pair."""
     lines = (runs / "latest" / "quantum.log").read_text().splitlines()
-    told = [line for line in lines if "q3-analyser1 herald " in line]
-    return len(told), sum("photons=" not in line for line in told)
+    heralds = [line for line in lines if "q3-analyser1 herald " in line]
+    return len(heralds), sum("photons=" not in line for line in heralds)
 
 
 def test_a_chain_goes_on_behind_blocks_of_which_a_link_heralds_nothing(tmp_path: Path) -> None:

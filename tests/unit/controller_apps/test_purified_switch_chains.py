@@ -199,6 +199,19 @@ def test_two_rounds_and_blocks_with_too_few_pairs_end_all_the_same() -> None:
     assert (sizes, ends.rounds) == ([0] * BLOCKS, 0)
 
 
+def test_pairs_whose_state_a_station_has_not_seen_are_in_no_round() -> None:
+    """Of six pairs two are not seen: neither end acts on them."""
+    operators = np.array([3, NONE, 0, 1, NONE, 2], np.uint8)
+    half = Half(61_001, 3, operators.size, np.arange(operators.size))
+    frames = Pairs.of_link(half, half, operators, rounds=1).begin_round("dejmps", (0,))
+    assert [list(frame.outcomes) for frame in frames] == [
+        [0, NONE, 0, 0, NONE, 0],
+        [3, NONE, 0, 1, NONE, 2],
+    ]
+    for frame in frames:
+        assert AnalyserFrame.decode(frame.encode(bytes(6), bytes(6))) == frame
+
+
 def test_a_round_keeps_pairs_of_which_both_ends_measured_the_same() -> None:
     """By enumeration of what two ends can measure: 0, 1 or nothing."""
     cases = [(a, b) for a in (0, 1, NONE) for b in (0, 1, NONE)]

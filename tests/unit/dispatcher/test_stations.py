@@ -134,7 +134,7 @@ def play(
 async def measured(
     network: Network, names: Mapping[str, int], bell_states: NDArray[np.uint8], basis: Any
 ) -> int:
-    """Measure both halves; return how many pairs are in the Bell state (Psi) that is told."""
+    """Measure both halves; return how many pairs are in the Bell state (Psi) of the report."""
     mine, yours = [
         await network.laboratory.host(host).measure((number, 0), basis)
         for host, number in names.items()

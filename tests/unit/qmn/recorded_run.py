@@ -185,10 +185,10 @@ def received(confusion: list[list[int]]) -> ReceiverFigures:
     return ReceiverFigures(**told)
 
 
-def service_run(told: Figures | None = None, service: str = "teleport") -> RunResult:
+def service_run(figures: Figures | None = None, service: str = "teleport") -> RunResult:
     """Return the record of a run of a service whose ends have printed this."""
     job = ServiceJob()
-    job.asking = job.asked = cast("Any", told or Figures())
+    job.asking = job.asked = cast("Any", figures or Figures())
     return run_of(service, job, 1.0)
 
 
