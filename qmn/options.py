@@ -6,7 +6,7 @@ makes --length-km KM of a parser and length_km=… of a script.
 """
 
 import argparse
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import Field, dataclass, field, fields, is_dataclass
 from pathlib import Path
 from types import UnionType
@@ -33,18 +33,20 @@ class BadInput(Exception):
 def add_options(
     parser: argparse.ArgumentParser,
     kind: "type[DataclassInstance]",
-    leave_out: Collection[str] = (),
+    without: tuple[type[Any], ...] = (),
     words: Mapping[str, Declaration] = NO_WORDS,
     group: str = "",
 ) -> None:
-    """Describe the options of a dataclass; `words` adds to or replaces declarations by name.
+    """Describe the options of a dataclass, but for those that its bases `without` have.
 
-    Each is in the GROUP of the class that declares it, or else in this one, or in none.
+    `words` adds to or replaces declarations by name. Each option is in the GROUP of the class that
+    declares it, or else in this one, or in none.
     """
     alternatives: dict[str, argparse._ActionsContainer] = {}
+    left_out = {each.name for base in without for each in fields(base)}
     for each in _fields(kind):
         declaration: Declaration = {**declared(each), **words.get(each.name, {})}
-        if "help" not in declaration or declaration.get("flag") == "" or each.name in leave_out:
+        if "help" not in declaration or declaration.get("flag") == "" or each.name in left_out:
             continue
         target = titled(parser, declaration.get("group") or _group(kind, each.name) or group)
         if only_one := declaration.get("instead_of"):

@@ -8,11 +8,13 @@ from typing import Any
 from applications.netqasm import job as netqasm
 from applications.netqasm.request import NetqasmRequest
 from qmn.jobs.run_context import guarded
+from qmn.machines.options import PlaceOptions
 from qmn.needs import Needs
-from qmn.network.options import KEYS, NetworkOptions
+from qmn.network.options import NetworkOptions
 from qmn.network.topologies import add_topology
 from qmn.options import add_options, read
 from qmn.requests.run_options import RunOptions
+from wire.parameters.network import KeySettings
 from wire.parameters.option import WRITTEN
 
 
@@ -22,8 +24,8 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument("path", type=Path, metavar="APP_DIR", help=text)
     add_options(parser, NetqasmRequest, group="the application")
     add_topology(parser)
-    add_options(parser, NetworkOptions, leave_out=KEYS)
-    add_options(parser, RunOptions, leave_out=["place"], group=WRITTEN)
+    add_options(parser, NetworkOptions, without=(KeySettings,))
+    add_options(parser, RunOptions, without=(PlaceOptions,), group=WRITTEN)
     parser.set_defaults(call=_call, needs=Needs.NETWORK)
 
 

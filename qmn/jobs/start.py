@@ -1,6 +1,5 @@
 """Jobs of verbs: their options, and their start by the names of their modules."""
 
-from collections.abc import Collection
 from functools import partial
 from importlib import import_module
 from typing import Any
@@ -20,16 +19,16 @@ def describe_job(
     request: type[Any],
     *parts: type[Any],
     topology: str = "sdc",
-    leave_out: Collection[str] = (),
+    without: tuple[type[Any], ...] = (),
 ) -> None:
     """Describe a job whose request, with its parts, has all options beside those of its network.
 
-    `leave_out` names options of the network.
+    The network has no options of the bases `without`.
     """
     for kind in (request, *parts):
         add_options(parser, kind, group=JOB)
     add_topology(parser, topology)
-    add_options(parser, NetworkOptions, leave_out=leave_out)
+    add_options(parser, NetworkOptions, without=without)
     add_options(parser, RunOptions, group=WRITTEN)
     parser.set_defaults(call=lambda arguments: run_job(module, read(request, arguments)))
 

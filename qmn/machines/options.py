@@ -14,19 +14,24 @@ from wire.results.run_result import MachineFacts
 
 
 @dataclass(frozen=True, kw_only=True)
-class MachineOptions:
+class PlaceOptions:
     GROUP: ClassVar[str] = "several machines"
+    place: tuple[str, ...] = option(
+        (),
+        "a host on one of them, as bob=m2 (repeatable; none: in turn)",
+        metavar="HOST=MACHINE",
+        recorded=False,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MachineOptions(PlaceOptions):
+    GROUP: ClassVar[str] = PlaceOptions.GROUP
     machines: int = option(
         1,
         "over this one, m1, and workers on others (1)",
         metavar="N",
         range=(1, 64),
-        recorded=False,
-    )
-    place: tuple[str, ...] = option(
-        (),
-        "a host on one of them, as bob=m2 (repeatable; none: in turn)",
-        metavar="HOST=MACHINE",
         recorded=False,
     )
     scheduler: str = option(

@@ -112,9 +112,6 @@ class NetworkOptions(ShapeOptions, LightOptions, TimeOptions, NetworkSettings):
             object.__setattr__(self, "topology", MAP)
 
 
-KEYS = ("keys",)  # the options of networks over which keys may be distributed
-
-
 def settings(
     options: NetworkOptions,
     folder: Path | None,

@@ -4,13 +4,14 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
-from qmn.network.options import KEYS, NetworkOptions
+from qmn.network.options import NetworkOptions
 from qmn.options import BadInput
 from qmn.requests.run_options import RunOptions
 from qmn.requests.service import ServiceRequest, parts_of, service_request
 from qmn.requests.service_verbs import VERBS, Verb
 from qmn.requests.superdense import SERVICE, SuperdenseRequest, superdense_request
 from wire.parameters.checks import check_choice, remedy
+from wire.parameters.network import KeySettings
 
 FLAGS = {"from": "sender", "to": "receiver"}  # words of the command line that Python has taken
 OF_NETWORK = frozenset(each.name for each in fields(NetworkOptions))
@@ -49,4 +50,4 @@ def _without_effect(verb: Verb) -> set[str]:
 
 
 def _no_keys(verb: Verb) -> set[str]:
-    return set() if verb.keys else set(KEYS)
+    return set() if verb.keys else {each.name for each in fields(KeySettings)}

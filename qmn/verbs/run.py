@@ -6,10 +6,11 @@ from typing import Any
 
 from hosts.middleware.services import named
 from hosts.middleware.services.superdense.options import SuperdenseOptions
+from hosts.middleware.session.options import SessionLight, SessionSource
 from hosts.timeouts import MAX_BLOCK_S
 from qmn.jobs.start import run_job
 from qmn.needs import Needs
-from qmn.network.options import KEYS, NetworkOptions
+from qmn.network.options import NetworkOptions
 from qmn.network.topologies import add_topology, described_topologies
 from qmn.options import add_options, read, titled
 from qmn.parser import Parser
@@ -17,6 +18,7 @@ from qmn.requests.run_options import RunOptions
 from qmn.requests.service import ServiceRequest, ends_of_line, parts_of
 from qmn.requests.service_verbs import APPLICATION_PORT, SERVICE_PORT, VERBS, Verb
 from qmn.requests.superdense import SuperdenseRequest
+from wire.parameters.network import KeySettings
 from wire.parameters.option import WRITTEN, Declaration
 from wire.registered import JOB, JOBS, Registry
 
@@ -26,8 +28,6 @@ HOST: Declaration = {
     "metavar": "HOST",
     "help": "that is asked (bob)",
 }
-# Of a service's session: its request has them, such that every source can make them.
-OF_LIGHT = ("block_pairs", "rate_hz")
 
 
 def add_parser(verbs: Any) -> None:
@@ -62,7 +62,7 @@ def _describe_superdense(parser: Parser) -> None:
         group=JOB,
     )
     add_topology(parser)
-    add_options(parser, NetworkOptions, leave_out=KEYS)
+    add_options(parser, NetworkOptions, without=(KeySettings,))
     add_options(parser, RunOptions, group=WRITTEN)
     parser.set_defaults(call=_call_superdense)
 
@@ -94,7 +94,8 @@ def _describe_service(parser: Parser, name: str, verb: Verb) -> None:
     add_options(
         parser,
         kind,
-        leave_out=(*OF_LIGHT, *(() if verb.source else ("source",))),
+        # The request has its own light, such that every source can make it.
+        without=(SessionLight,) if verb.source else (SessionLight, SessionSource),
         words={} if verb.line else {"host": HOST},
         group=JOB,
     )
@@ -104,7 +105,7 @@ def _describe_service(parser: Parser, name: str, verb: Verb) -> None:
     for options in parts_of(verb):
         add_options(parser, options, words=words, group=JOB)
     add_topology(parser, verb.topology)
-    add_options(parser, NetworkOptions, leave_out=() if verb.keys else KEYS)
+    add_options(parser, NetworkOptions, without=() if verb.keys else (KeySettings,))
     add_options(parser, RunOptions, group=WRITTEN)
 
 

@@ -157,16 +157,9 @@ class CopperSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ServedSettings:
-    """A user's options on servers of a network, and on records of keys."""
+    """A user's options on servers of a network."""
 
     GROUP: ClassVar[str] = WRITTEN
-    # Path of a folder for keys that hosts distribute; empty: they go with the network.
-    keys: str = option(
-        "",
-        "keep the keys that hosts make here, a new folder (they go with the network)",
-        metavar="DIR",
-        recorded=False,
-    )
     metrics: bool = option(False, "metrics for Prometheus (docs/metrics.md)", recorded=False)
     gnmi: bool = option(
         False, "telemetry of quantum switches by gNMI (docs/telemetry.md)", recorded=False
@@ -174,7 +167,23 @@ class ServedSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class NetworkSettings(ControllerSettings, CopperSettings, DispatcherSettings, ServedSettings):
+class KeySettings:
+    """A user's options on keys, of networks over which they may be distributed."""
+
+    GROUP: ClassVar[str] = WRITTEN
+    # Path of a folder; empty: keys go with the network.
+    keys: str = option(
+        "",
+        "keep the keys that hosts make here, a new folder (they go with the network)",
+        metavar="DIR",
+        recorded=False,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkSettings(
+    ControllerSettings, CopperSettings, DispatcherSettings, ServedSettings, KeySettings
+):
     """A user's options of a network whose nodes and fibres are described already."""
 
     GROUP: ClassVar[str] = SIMULATION

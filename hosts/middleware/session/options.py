@@ -78,22 +78,34 @@ LATEST_MS = 3_600_000
 
 
 @dataclass(frozen=True)
-class SessionOptions(Options):
-    """Address and light of a session; a service adds its own."""
-
+class SessionAddress:
     host: str = field(metadata=recorded_as("receiver"))  # as users call who is asked
     port: int
+
+
+@dataclass(frozen=True)
+class SessionLight:
     block_pairs: int = option(
         16_384, "pairs in a block (16384)", metavar="N", range=(1, MAX_BLOCK_PAIRS)
     )
     rate_hz: int = option(
         50_000_000, "of the source (50000000)", metavar="HZ", range=(1, MAX_RATE_HZ)
     )
+
+
+@dataclass(frozen=True)
+class SessionSource:
     source: str = option(
         "",
         "host that makes the pairs, perhaps the one that asks (the network's)",
         metavar="HOST",
     )
+
+
+@dataclass(frozen=True)
+class SessionOptions(Options, SessionSource, SessionLight, SessionAddress):
+    """Address and light of a session; a service adds its own."""
+
     # Among those that wait for light, if the controller's policy heeds it.
     priority: int = field(default=0, metadata={"range": (0, MOST_PRIORITY)})
     # Of the network, until light is wanted at the latest; 0: no deadline.
