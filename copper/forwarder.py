@@ -184,8 +184,9 @@ class Forwarder:
             self.lost += 1
             return
         self.held += 1
-        ends = direction.into, direction.out_of
-        if self._gate and self._acknowledgements.is_unawaited(*ends, frame):
+        if self._gate and self._acknowledgements.is_unawaited(
+            direction.into, direction.out_of, frame
+        ):
             self._unawaited.append((due_ns, direction, frame))
             return
         software = direction.software if message_bytes(frame) else None

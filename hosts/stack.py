@@ -88,8 +88,9 @@ class Stack:
         sessions = Sessions(self.request, self._opening, self.applications.expecting)
         self.unit = processing_unit(config, qnic, sessions, self._new_session)
         self.applications.unit = self.unit
-        ordering = self.request, self._opening, self.device.give_back
-        self.seals = OrderedSeals(config.name, config.address, *ordering)
+        self.seals = OrderedSeals(
+            config.name, config.address, self.request, self._opening, self.device.give_back
+        )
 
     def _cut_off(self, cutoff_us: int | None) -> None:
         """Have the memory drop what is older, by its own default if none is set."""

@@ -49,8 +49,9 @@ def decode(data: bytes) -> Packet:
     protocol, at, first = _carried(data, following)
     body = data[at : at + 1]
     is_error = protocol == ICMPV6_PROTOCOL and (not body or body[0] < FIRST_INFORMATIONAL)
-    ends = IPv6Address(source), IPv6Address(destination)
-    return Packet(data, *ends, protocol, first, at, is_error)
+    return Packet(
+        data, IPv6Address(source), IPv6Address(destination), protocol, first, at, is_error
+    )
 
 
 def _carried(data: bytes, following: int) -> tuple[int, int, bool]:

@@ -65,8 +65,7 @@ class Pulses:
     def send(self) -> Steps[None]:
         """Send the pulses; over when they have left."""
         setup = self.side.setup
-        light = setup.rate_hz, setup.wavelength_pm
-        yield from do(Qnic.send, self.name, self.side.ports[0], *light)
+        yield from do(Qnic.send, self.name, self.side.ports[0], setup.rate_hz, setup.wavelength_pm)
 
     def record(self) -> Steps[Record]:
         """Return the bits as they are alike at both ends, where the relay has found something."""

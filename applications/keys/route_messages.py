@@ -81,9 +81,10 @@ class KeyRouteRequest(Message):
     slave: str
 
     def encode(self) -> bytes:
-        names = self.master.encode(), self.slave.encode()
         target = IPv4Address(self.target).packed
-        return self._frame(self.FIELDS.pack(target, self.stored, *names))
+        return self._frame(
+            self.FIELDS.pack(target, self.stored, self.master.encode(), self.slave.encode())
+        )
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "KeyRouteRequest":

@@ -97,8 +97,9 @@ def _add(hop: Hop, session: int, xid: int) -> bytes:
 
 def _delete(hop: Hop, session: int, xid: int) -> bytes:
     """Delete one hop of a session, not what has taken its place."""
-    ends = hop.out_port, ofproto.OFPG_ANY
-    fixed = _flow_mod(session, ALL_BITS, ofproto.OFPFC_DELETE_STRICT, *ends)
+    fixed = _flow_mod(
+        session, ALL_BITS, ofproto.OFPFC_DELETE_STRICT, hop.out_port, ofproto.OFPG_ANY
+    )
     return _message(ofproto.OFPT_FLOW_MOD, xid, fixed + _match(hop))
 
 

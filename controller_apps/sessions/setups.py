@@ -136,8 +136,7 @@ class Setups:
         if request.setup.service == Service.SWAP:
             hops = (hop for path in admission.paths for hop in path.hops)
             policy = self.terms.policy
-            terms = policy.schedule, policy.purification, _hosts(request)
-            session.turns = swap_turns(hops, *terms)
+            session.turns = swap_turns(hops, policy.schedule, policy.purification, _hosts(request))
         return self.light.open(request, session, admission.paths)
 
 

@@ -85,8 +85,7 @@ def flood(network: Network, what: str, count: int, *words: str) -> None:
 
 
 def senders(switch: str) -> set[str]:
-    command = "ovs-ofctl", "-O", "OpenFlow14", "dump-flows", switch
-    flows = run(*command, timeout_s=ATTACKER_TIMEOUT_S)
+    flows = run("ovs-ofctl", "-O", "OpenFlow14", "dump-flows", switch, timeout_s=ATTACKER_TIMEOUT_S)
     return set(re.findall(r"dl_src=([0-9a-f:]+)", flows))
 
 

@@ -43,8 +43,9 @@ def as_sessions(
                 needed = pairs.packet + int(random.negative_binomial(pairs.packet, own.chance))
                 held += min(needed, own.window)
             left_s = pairs.period_s - own.window * pairs.slot_s
-            ends = own.path[0], own.path[-1]
-            found.append(Planned(released_s, *ends, held * pairs.slot_s, left_s))
+            found.append(
+                Planned(released_s, own.path[0], own.path[-1], held * pairs.slot_s, left_s)
+            )
     return sorted(found, key=lambda each: each.at_s)
 
 

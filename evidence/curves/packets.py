@@ -226,7 +226,8 @@ def measured(
     """Have applications ask in counted time; return their share, and their mean turnaround in s."""
     applications = drawn(read, Pairs(), wanted.count, wanted.seed)
     starts = timetable(applications, Pairs()) if wanted.by_timetable else None
-    limits = wanted.packets, wanted.rate_per_s, random, starts, wanted.most
-    asking = Requests(applications, Pairs(), *limits)
+    asking = Requests(
+        applications, Pairs(), wanted.packets, wanted.rate_per_s, random, starts, wanted.most
+    )
     ask_in_counted_time(read, asking, queue, signalling)
     return {"share": asking.share, "turnaround": float(np.mean(asking.turnarounds_s))}

@@ -96,8 +96,7 @@ def _round(network: QuantumNetwork) -> Round:
         with session(network, "distribute", ("bob", "h4"), NEXT_PORT, **following) as second:
             second.results()
             right = {basis: agreeing(first, place) for place, basis in enumerate(AGREE)}
-        sessions = first.summary["session"], second.summary["session"]
-    return Round(*sessions, asked_ns, right)
+    return Round(first.summary["session"], second.summary["session"], asked_ns, right)
 
 
 def agreeing(pairs: BlockingSession, place: int) -> int:

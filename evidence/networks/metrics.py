@@ -141,9 +141,8 @@ METRICS = (
 def outcome_of(result: RunResult) -> Outcome:
     """Return every metric of a job; NaN for what it does not have, or if light is too noisy."""
     assert isinstance(result.job, ServiceJob)
-    ends = result.job.asking, result.job.asked
     return {
-        each.name: each.found(result, *ends)
+        each.name: each.found(result, result.job.asking, result.job.asked)
         if result.delivered or each.name in WITHOUT_DELIVERY
         else NOTHING
         for each in METRICS

@@ -51,8 +51,9 @@ def session(
 ) -> Iterator[BlockingSession]:
     """Have one host ask another for a service; end it behind the block."""
     options["limit_s"] = STALL_TIMEOUT_S
-    where = network.runtime.socket, service, ends, port, network.runtime.time
-    with blocking_session(*where, **options) as asked:
+    with blocking_session(
+        network.runtime.socket, service, ends, port, network.runtime.time, **options
+    ) as asked:
         yield asked
         asked.end()
 

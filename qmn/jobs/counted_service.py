@@ -80,8 +80,9 @@ def with_policy(
         way = eavesdropping.tapped_way(request.service, ends, request.options.source, network)
         return network.with_policy(tapping_policy(*way, eavesdropping.EVE, folder))
     if request.schedule is not None or request.purify is not None:
-        plan = request.schedule or PARALLEL, request.purify or 0
-        return network.with_policy(scheduling_policy(*plan, folder))
+        return network.with_policy(
+            scheduling_policy(request.schedule or PARALLEL, request.purify or 0, folder)
+        )
     return network
 
 

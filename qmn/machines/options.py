@@ -72,8 +72,7 @@ def machines_of(
     # Dask takes a second to load: who has one machine does not wait for it.
     from qmn.machines.workers import on_machines
 
-    where = asked.machines, asked.place, asked.scheduler, hosts
-    with on_machines(*where, folder, check) as places:
+    with on_machines(asked.machines, asked.place, asked.scheduler, hosts, folder, check) as places:
         for machine in places.values():
             machine.tunnels = asked.tunnels
         yield places

@@ -150,8 +150,7 @@ def _places(
         interfaces.append(Interface(capture.stem, pcap.link_type))
         for time_ns, data, length, _interface in pcap.packets():
             size = len(data)
-            place = first, number, file.tell() - size, size, length
-            yield Place(clock.at(time_ns), time_ns, *place)
+            yield Place(clock.at(time_ns), time_ns, first, number, file.tell() - size, size, length)
         return
     events = Reader(file)
     for time_ns, data, length, interface in events.packets():

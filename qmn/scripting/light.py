@@ -91,8 +91,7 @@ def light_path(
 
 def _along(fiber: Fiber, begin: FiberEnd) -> Hop:
     end = fiber.b if begin == fiber.a else fiber.a
-    names = port_name(begin), port_name(end)
-    return Hop("fibre", *names, fiber.length_km, fiber.loss_db, Pauli.I)
+    return Hop("fibre", port_name(begin), port_name(end), fiber.length_km, fiber.loss_db, Pauli.I)
 
 
 def _across(switch: str, in_port: int, out_port: int, condition: SwitchCondition) -> Hop:

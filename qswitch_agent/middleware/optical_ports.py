@@ -50,10 +50,11 @@ def description(condition: Condition, port: int) -> PortOptics:
     if tuning is None:
         return PortOptics(0, 0, 0, 0, 0, 0, 0, 0, 0)
     band = tuning.min_mhz, tuning.max_mhz, tuning.grid_mhz
-    power = round(tuning.min_dbm * 10), round(tuning.max_dbm * 10)
     fixed = optical.TX_PWR | optical.USE_FREQ
     supported = fixed if port in condition.channels else optical.TUNABLE
-    return PortOptics(supported, *band, *band, *power)
+    return PortOptics(
+        supported, *band, *band, round(tuning.min_dbm * 10), round(tuning.max_dbm * 10)
+    )
 
 
 def tuning_of(condition: Condition, port: int) -> Tuning | None:

@@ -59,8 +59,7 @@ def flights(folder: Path, network: NetworkFacts, limit: int, since_ns: int = 0) 
         if flow.target not in hosts:
             continue
         arrived_ns, last = arrived.get(key, (None, message))
-        ends = hosts[flow.source], hosts[flow.target]
-        found.append(Flight(last, *ends, left_ns, arrived_ns))
+        found.append(Flight(last, hosts[flow.source], hosts[flow.target], left_ns, arrived_ns))
     return sorted(found, key=lambda flight: flight.left_ns)
 
 

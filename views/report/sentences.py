@@ -95,8 +95,8 @@ def _of_states(result: RunResult) -> str:
             text = f"{found.pairs:,} pairs of {begin} and {end}"
             if found.fidelity is None or found.fidelity_low is None or found.fidelity_high is None:
                 return text
-            known = found.fidelity, found.fidelity_low, found.fidelity_high
-            return f"{text}, with fidelity {interval(*known)}"
+            bounds = found.fidelity_low, found.fidelity_high
+            return f"{text}, with fidelity {interval(found.fidelity, *bounds)}"
         case SealFigures() as found:
             verdict = "Alarm: somebody measures" if found.alarm else "No alarm"
             return f"{verdict}, {found.compared:,} pairs of {begin} and {end} compared"

@@ -164,8 +164,7 @@ def _quantum_steps(events: Sequence[Event], network: NetworkFacts) -> Iterator[S
             if landing is not None:
                 landings.remove(landing)
                 text = _count(event.photons, "photon") + _lost(landing)
-                ends = landing.node, landing.time_ns
-                yield Step(QUANTUM, lane, event.time_ns, text, *ends)
+                yield Step(QUANTUM, lane, event.time_ns, text, landing.node, landing.time_ns)
                 continue
         if event.kind != "arrive":
             yield Step(QUANTUM, lane, event.time_ns, _describe_event(event, names))

@@ -129,8 +129,9 @@ class Answer(Message):
     def encode(self) -> bytes:
         """Return the message as it goes onto the wire; a text over 1,000 bytes is cut."""
         text = self.text.encode()[:1000].decode(errors="ignore").encode()
-        fixed = self.reason, self.symbols, self.encoding, self.wavelength_pm
-        return self._frame(self.FIELDS.pack(*fixed) + text)
+        return self._frame(
+            self.FIELDS.pack(self.reason, self.symbols, self.encoding, self.wavelength_pm) + text
+        )
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "Answer":

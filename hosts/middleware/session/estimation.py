@@ -21,8 +21,9 @@ class Estimate:
         return self.errors / self.sample
 
     def beside(self, other: "Estimate") -> "Estimate":
-        sums = self.errors + other.errors, self.sample + other.sample, self.ones + other.ones
-        return Estimate(*sums)
+        return Estimate(
+            self.errors + other.errors, self.sample + other.sample, self.ones + other.ones
+        )
 
     def interval(self, confidence: float = 0.95) -> tuple[float, float]:
         """Return the confidence interval of the error rate (Wilson 1927)."""

@@ -106,12 +106,11 @@ def _lay_under(local: str) -> None:
 
 @cache
 def _lead_to(remote: str) -> None:
-    appctl = "ovs-appctl", "-t", openvswitch.SWITCH_DAEMON
     for words in (
         ("ovs/route/add", f"{remote}/32", UNDER),
         ("tnl/arp/set", UNDER, remote, _next_hop(remote)),
     ):
-        run(*appctl, *words, timeout_s=COMMAND_TIMEOUT_S)
+        run("ovs-appctl", "-t", openvswitch.SWITCH_DAEMON, *words, timeout_s=COMMAND_TIMEOUT_S)
 
 
 def _next_hop(remote: str) -> str:

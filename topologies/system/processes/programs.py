@@ -140,8 +140,9 @@ class Program:
         self._begins = self.log.stat().st_size if self.log.exists() else 0
         with self.log.open("ab") as log:
             if forks is not None and forks.serves(command):
-                where = log.fileno(), namespace_pid, descriptors
-                self._process = forks.start(self.name, command, *where)
+                self._process = forks.start(
+                    self.name, command, log.fileno(), namespace_pid, descriptors
+                )
                 return
         inside = ["mnexec", "-a", str(namespace_pid)] if namespace_pid else []
         self._begin([*inside, *WITH_RUNNER, str(os.getpid()), *command], descriptors)

@@ -217,8 +217,9 @@ class Opener:
         """Modulate this host's halves of a block that is being made, and send them on."""
         side, setup = self._side, self._side.setup
         half, port = side.block(number, sent_half(setup)), side.ports[0]
-        where = port, setup.rate_hz, setup.wavelength_pm
-        light = yield from begin(Qnic.modulate, half, paulis, *where, LIGHT_TIMEOUT_S)
+        light = yield from begin(
+            Qnic.modulate, half, paulis, port, setup.rate_hz, setup.wavelength_pm, LIGHT_TIMEOUT_S
+        )
         # The light may be on its way again before the source has answered.
         _left, sent_on = yield Await((source, light))
         if not sent_on:
