@@ -117,6 +117,7 @@ nightly: setup browser notebooks ## Run what is left out by day, some hours: bef
 	@$(call in_folder,$(WITH_BYTE_CODE),-m nightly $(IN_PARALLEL) tests/unit)
 	@$(MAKE) --no-print-directory emulation WHEN=nightly
 	@$(MAKE) --no-print-directory chaos MINUTES=120 STRIKES=1000
+	@$(MAKE) --no-print-directory chaos LEAPS=100000
 	@$(MAKE) --no-print-directory commands mutants
 	@for debian in 12 13; do \
 	    DEBIAN=$$debian $(MAKE) --no-print-directory image test-docker TESTS=tests/emulation; \
@@ -124,7 +125,7 @@ nightly: setup browser notebooks ## Run what is left out by day, some hours: bef
 
 chaos: setup ## Strike runs at random for MINUTES (3), from SEED (1): nothing may hang, lie or stay
 	$(AS_ROOT) $(PYTHON) tests/chaos --minutes $(or $(MINUTES),3) --seed $(or $(SEED),1) \
-	    $(if $(STRIKES),--strikes $(STRIKES)) $(if $(STANDING),--standing)
+	    $(if $(STRIKES),--strikes $(STRIKES)) $(if $(STANDING),--standing) $(if $(LEAPS),--leaps $(LEAPS))
 
 mutants: setup notebooks ## Put bugs in, one at a time (ARGS="--room wire --near"): day's tests notice each
 	PYTHONPATH=. $(PYTHON) tests/mutants/try_each.py $(value ARGS)

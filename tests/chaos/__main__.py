@@ -2,6 +2,7 @@
 
 python tests/chaos --minutes 10 --seed 1      (root; `make chaos MINUTES=10 SEED=1`)
 python tests/chaos --standing --strikes 100   (`make chaos STANDING=1 STRIKES=100`: standing.py)
+python tests/chaos --leaps 1000               (`make chaos LEAPS=1000`: leaps.py)
 
 Each run has a job at random and is struck at a moment of its life at random (under_way.py):
 something of it is killed, asked to end, stopped or cut, beside namespaces and processes that are
@@ -35,6 +36,7 @@ from under_way import DISK, OUTPUTS, ROOT, UnderWay, drawn
 
 # In namespaces of its own, and it ends with its starter.
 APART = ("setpriv", "--pdeathsig", "KILL", str(ROOT / "topologies" / "own_namespaces"))
+LEAPS = Path(__file__).with_name("leaps.py")
 STRIKES_OF_A_RUN = (1, 2, 3, 4)  # at most: it may have ended before the second
 HANG_S = 90.0  # from the last strike to the end
 LAST_WORDS = 6  # lines of a run that went wrong, which are shown
@@ -56,8 +58,13 @@ def main() -> int:
     parser.add_argument(
         "--standing", action="store_true", help="strike one network that outlives it"
     )
+    parser.add_argument("--leaps", type=int, help="count wrong ones in so many of stepped time")
     parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
+    if arguments.leaps:
+        script = ["script", str(LEAPS), "--leaps", str(arguments.leaps)]
+        words = [*APART, str(ROOT / "bin/qmn"), *script, "--seed", str(arguments.seed)]
+        return subprocess.run(words, cwd=ROOT, check=False).returncode
     wanted, arguments.strikes = arguments.strikes, arguments.strikes or UNBOUNDED
     if arguments.standing and not arguments.worker:
         words = [*APART, sys.executable, str(Path(__file__).parent), *sys.argv[1:], "--worker"]

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 from jobs import keys_differ
+from leaps import Span, wrong_leaps
 from outcomes import Made, Outcome, bad, first_told, told, too_few
 from strikes import Strike
 from under_way import Moment
@@ -93,3 +94,20 @@ def test_keys_are_compared_by_id_whoever_hands_them_out_first(
         for name, key in keys.items():
             (tmp_path / store / name).write_bytes(key)
     assert keys_differ(tmp_path, 0) == faults
+
+
+@pytest.mark.parametrize(
+    ("spans", "wrong"),
+    [
+        ([], 0),
+        ([(10, 20)], 1),  # one leap brought the clock from the first instant to the other
+        ([(10, 30)], 2),
+        ([(10, 20), (10, 30)], 2),  # two parties had work at the first of the same two leaps
+        ([(10, 20), (30, 40)], 2),
+        ([(12, 18)], 1),  # the clock went on, but no leap was recorded
+    ],
+)
+def test_leaps_within_spans_in_which_time_should_have_stood_are_wrong(
+    spans: list[Span], wrong: int
+) -> None:
+    assert wrong_leaps([10, 20, 30, 40], spans) == wrong
