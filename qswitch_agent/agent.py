@@ -24,7 +24,7 @@ class Agent:
         self._monitor = Monitor(config.management, self._paths.update, self._ports_changed)
         self._commands = Commands(config.management)
         send, announce = self._commands.send_from, self._commands.announce
-        self._inner = InnerPorts(inner, send, config.memory, announce)
+        self._inner = InnerPorts(inner, send, config.parts, announce)
         self._channels = SupervisoryChannels(self._paths.table.fibers, self._commands)
         self._switch = Switch(
             self._paths,

@@ -9,13 +9,13 @@ from wire.analyser_frames import (
     AnalyserCounts,
     AnalyserFrame,
     frames_of,
-    port_description,
 )
-from wire.parameters.physics import Memory
+from wire.parameters.physics import Device
 from wire.parameters.switch import InnerPort, Kind
+from wire.part_descriptions import describe
 
 NO_ADDRESS = bytes(6)
-IDEAL = Memory()
+IDEAL = Device()
 
 
 class InnerPorts:
@@ -25,14 +25,14 @@ class InnerPorts:
         self,
         ports: Mapping[int, InnerPort],
         send: Callable[[int, bytes], None],
-        memory: Memory = IDEAL,
+        parts: Device = IDEAL,
         announced: Callable[[Port], None] = lambda _port: None,
     ) -> None:
         """`send` lets flow entries decide on a frame that comes from a port.
 
         `announced` has controllers hear of a port that has changed.
         """
-        self._ports, self._send, self._memory = ports, send, memory
+        self._ports, self._send, self._parts = ports, send, parts
         self._announced = announced
         self._known: dict[int, Port] = {}  # the inner ports
         first = [p for p, inner in ports.items() if (inner.kind, inner.which) == (Kind.ANALYSER, 1)]
@@ -40,8 +40,10 @@ class InnerPorts:
 
     def description(self, number: int, cutoff_s: float | None = None) -> bytes:
         """Return the property of a port that says what it leads to; a memory's cut-off, if set."""
-        memory = self._memory if cutoff_s is None else replace(self._memory, cutoff_s=cutoff_s)
-        return port_description(self._ports[number], memory)
+        parts = self._parts
+        if cutoff_s is not None:
+            parts = replace(parts, memory=replace(parts.memory, cutoff_s=cutoff_s))
+        return describe(self._ports[number], parts)
 
     def update(self, ports: list[Port]) -> None:
         self._known |= {port.number: port for port in ports if port.number in self._ports}

@@ -1,4 +1,4 @@
-"""Analysers and memories of switches as bytes: their ports, their counts, and the frames they send.
+"""Analysers and memories of switches as bytes: their counts, and the frames they send.
 
 A frame is Ethernet with the type of local experiments, as IP would need an address of the switch:
 
@@ -25,8 +25,6 @@ from typing import Literal, Self, TypeVar
 from wire.malformed import MalformedPacket
 from wire.optical import EXPERIMENTER
 from wire.outcomes import NO_COINCIDENCE
-from wire.parameters.physics import Memory
-from wire.parameters.switch import InnerPort, Kind
 
 ETHER_TYPE = b"\x88\xb5"  # IEEE 802, local experimental EtherType 1
 HERALDS = b"\x88\xb6"  # local experimental EtherType 2: of what a memory holds now
@@ -55,13 +53,8 @@ CYCLES: tuple[tuple[tuple[LocalGate, ...], ...], ...] = (
 )
 # A quarter turn about X at the left end, and back at the right one.
 QUARTER_TURNS: tuple[tuple[LocalGate, ...], ...] = (("H", "S", "H"), ("H", "S_DAG", "H"))
-PORT_DESCRIPTION = struct.Struct("!HHIIHHI")  # type, length, experimenter, its type; kind, …
-OFPPDPT_EXPERIMENTER = 0xFFFF
-MEMORY = struct.Struct("!IIQQQ")  # modes, efficiency in ppm, T1, T2 and cut-off in ns
-NEVER_NS = (1 << 64) - 1
-INNER_PORT = 1  # exp_type of our property of a port's description
 CUT_OFF = struct.Struct("!HHIIQ")  # of a PORT_MOD: type, length, experimenter, its type; ns
-CUT_OFF_HEAD = CUT_OFF.pack(OFPPDPT_EXPERIMENTER, CUT_OFF.size, EXPERIMENTER, 2, 0)[:12]
+CUT_OFF_HEAD = CUT_OFF.pack(0xFFFF, CUT_OFF.size, EXPERIMENTER, 2, 0)[:12]
 
 
 class End(IntEnum):
@@ -104,22 +97,6 @@ def group_of(session: int, to: Receivers = Receivers.BOTH) -> bytes:
 def address_of_place(place: int) -> bytes:
     """Return the address of the frames of a chain's analyser, by its place from the opener on."""
     return PLACES + bytes([place])
-
-
-def port_description(port: InnerPort, memory: Memory) -> bytes:
-    """Return the experimenter's property of an inner port, with what a memory is like."""
-    parameters = b""
-    if port.kind == Kind.MEMORY:
-        times = (nanoseconds(each) for each in (memory.t1_s, memory.t2_s, memory.cutoff_s))
-        parameters = MEMORY.pack(memory.capacity, round(memory.efficiency * 1e6), *times)
-    length = PORT_DESCRIPTION.size + len(parameters)
-    fixed = length, EXPERIMENTER, INNER_PORT, port.kind, port.which, port.number
-    body = PORT_DESCRIPTION.pack(OFPPDPT_EXPERIMENTER, *fixed) + parameters
-    return body + bytes(-length % 8)
-
-
-def nanoseconds(time_s: float) -> int:
-    return min(NEVER_NS, round(min(time_s, NEVER_NS / 1e9) * 1e9))
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from wire.parameters.checks import check_choice
 from wire.parameters.fiber import Fiber, FiberEnd
 from wire.parameters.network import ControllerSettings, DispatcherSettings
 from wire.parameters.option import check_options
-from wire.parameters.physics import ANALYSERS, Device, Memory
+from wire.parameters.physics import ANALYSERS, Device
 from wire.parameters.switch import PathOptics, QuantumSwitch
 
 __all__ = [
@@ -196,9 +196,9 @@ class AgentConfig(MeasuredConfig):
     fiber_ports: list[int]  # OpenFlow numbers of the ports that are fibres
     analysers: int = 0  # Bell analysers in the switch
     memories: int = 0  # quantum memories in it
-    memory: Memory = field(default_factory=Memory)  # what these are like
     sources: int = 0  # of pairs in it
     emitters: int = 0  # of its memories, by an inner port each
+    parts: Device = field(default_factory=Device)  # what all these are like
     hardware: str = ""  # empty: the simulated switch; or "scpi://192.0.2.7:5025"
     # scpi: OpenFlow port number to the numbers of its [ingress, egress] at the instrument
     hardware_ports: dict[str, list[int]] = field(default_factory=dict)

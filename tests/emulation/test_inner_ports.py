@@ -1,5 +1,6 @@
 """Analysers, memories and sources of a switch: what OpenFlow answers, and who may have them."""
 
+import re
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import Any
 
 import pytest
 from agent_scene import DATAPATH, PING, Operator, accepted, flow_mod, light, outputs, refused
+from agent_scene import run as execute
 from conftest import nothing_left, wait_until
 from fabric_scene import running
 from os_ken.ofproto import ofproto_v1_4 as ofp
@@ -16,12 +18,16 @@ from test_switch_swaps import BOB, Line, require_nothing_left, swapping
 from hosts.client import blocking_session
 from hosts.stack_socket import QuantumSocketError
 from qmn.running.dispatcher_calls import status
+from topologies.chain import ChainTopo
 from topologies.networks.network import Network
 from wire import optical
 from wire.analyser_frames import Emission, MemoryCounts
+from wire.parameters.physics import BellAnalyser, Detectors, Emitter, Gates, Memory, PairSource
+from wire.parameters.switch import FIRST_INNER_PORT
 
 ALICE, MEMORY, ANALYSER, SOURCE = 2, 61_001, 60_001, 62_001  # ports of q1
 PAIRS = 100
+TOP = 0xFF00  # ports of the bridge itself begin there
 OUT_PORT = ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT
 
 
@@ -33,6 +39,56 @@ class Crossing(Line):
         super().build(switches, fibers, **line)
         self.add_host("dave", "10.0.0.5")
         self.join("dave", "q2", 1)
+
+
+# Words of 32 bits, as docs/inner-ports.md has them: kind and input or half, number, parameters.
+LINEAR, GATES, HALF, NEVER = (2, 800_000, 950_000, 0, 1000), 10_000, 500_000, (0xFFFFFFFF,) * 2
+SAID = {
+    "q1": {
+        60_001: (1 << 16 | 1, 1, 3, 10**6, 10**6, GATES, 1000, 0, 0),
+        60_002: (1 << 16 | 2, 1, 3, 10**6, 10**6, GATES, 1000, 0, 0),
+        61_001: (2 << 16, 1, 50, HALF, *NEVER, 0, 10**8, *NEVER),
+        62_001: (3 << 16 | 1, 1, 1, 10**6, 970_000, *(10_000,) * 3, 0, 4 * 10**9),
+        62_002: (3 << 16 | 2, 1, 1, 10**6, 970_000, *(10_000,) * 3, 0, 4 * 10**9),
+    },
+    "q2": {
+        60_001: (5 << 16 | 1, 1, *LINEAR, 0, 100_000),
+        60_002: (5 << 16 | 2, 1, *LINEAR, 0, 100_000),
+        61_001: (2 << 16, 1, 4_000_000, 10**6, *NEVER * 3),
+        63_001: (4 << 16, 1, 2, 20, HALF, 50_000, 900_000, 0, 5500),
+    },
+}
+NAMES = {
+    "q1": ["q1-bell1a", "q1-bell1b", "q1-memory1", "q1-pair1a", "q1-pair1b"],
+    "q2": ["q2-bell1a", "q2-bell1b", "q2-memory1", "q2-memory1e"],
+}
+
+
+class Parts(ChainTopo):
+    """q1 has parts that store and swap, q2 a station and a memory that emits."""
+
+    def build(self, switches: int = 2, fibers: int = 1, **fiber: Any) -> None:
+        """Lay the network."""
+        super().build(switches, fibers, **fiber)
+        detectors = Detectors(efficiency=0.8, dark_count_hz=100.0)
+        emitter = Emitter("single-click", 0.5, fidelity=0.9, modes=20, preparation_s=5.5e-6)
+        parts = {
+            "q1": {
+                "analyser": BellAnalyser("gates"),
+                "gates": Gates(two_qubit_depolarizing=0.01),
+                "memory": Memory(t2_s=0.1, efficiency=0.5, capacity=50),
+                "sources": 1,
+                "source": PairSource(fidelity=0.97),
+            },
+            "q2": {
+                "analyser": BellAnalyser("linear", visibility=0.95),
+                "detectors": detectors,
+                "memory": Memory(kind="emissive"),
+                "emitter": emitter,
+            },
+        }
+        for name, more in parts.items():
+            self.setNodeInfo(name, {**self.nodeInfo(name), "analysers": 1, "memories": 1, **more})
 
 
 def session(network: Network, ends: tuple[str, str], port: int, **options: Any) -> dict[str, Any]:
@@ -63,6 +119,25 @@ def test_memories_and_sources_answer_as_openflow_says(tmp_path: Path) -> None:
         assert status(network).pairs_created == 2 * PAIRS
 
 
+def test_ports_say_to_which_parts_they_lead(tmp_path: Path) -> None:
+    with nothing_left(), running(Parts, tmp_path):
+        for name, said in SAID.items():
+            with Operator(name) as operator:
+                ports = {port.port_no: port.properties for port in described(operator)}
+            assert {number for number in ports if FIRST_INNER_PORT <= number < TOP} == {*said}
+            for number, words in said.items():
+                (told,) = ports[number]
+                assert (told.experimenter, told.exp_type) == (0x00514D4E, 1)
+                assert tuple(told.data) == words
+            skipped = execute("ovs-ofctl", "-O", "OpenFlow14", "dump-ports-desc", name)
+            assert re.findall(rf"6[0-3]\d\d\d\(({name}-\w+)\)", skipped) == NAMES[name]
+
+
+def described(operator: Operator) -> list[Any]:
+    operator.send(parser.OFPPortDescStatsRequest(DATAPATH, 0, ofp.OFPP_ANY), 901)
+    return list(operator.answer(901).body)
+
+
 def counts(operator: Operator) -> MemoryCounts:
     return operator.memories()[0]
 
@@ -74,8 +149,7 @@ def packet_out(port: int, frame: bytes) -> object:
 
 def cut_off(operator: Operator, nanoseconds: int) -> object:
     """Return the PORT_MOD of a memory; the framework takes data of properties by 32 bits."""
-    operator.send(parser.OFPPortDescStatsRequest(DATAPATH, 0, ofp.OFPP_ANY), 901)
-    (port,) = [each for each in operator.answer(901).body if each.port_no == MEMORY]
+    (port,) = [each for each in described(operator) if each.port_no == MEMORY]
     limit = parser.OFPPortModPropExperimenter(
         type_=ofp.OFPPMPT_EXPERIMENTER,
         experimenter=optical.EXPERIMENTER,

@@ -108,6 +108,11 @@ class QuantumSwitch:
     source: PairSource = field(default_factory=PairSource)  # what all of them are like
 
     @property
+    def parts(self) -> Device:
+        """Return the hardware of all parts."""
+        return replace(Device(), **{each: getattr(self, each) for each in PARTS})
+
+    @property
     def analyser_device(self) -> Device:
         """The hardware of one analyser: it measures light, and can do nothing else."""
         return replace(Device(), analyser=self.analyser, detectors=self.detectors, gates=self.gates)
@@ -244,5 +249,5 @@ def memory_of(port: int) -> int:
 
 
 OPTICS = frozenset(each.name for each in fields(QuantumSwitch)) - {"name"}  # what can be set
-# Of these, by topologies alone.
-COMPOUND = frozenset({"paths", "analyser", "detectors", "gates", "memory", "emitter", "source"})
+PARTS = frozenset({"analyser", "detectors", "gates", "memory", "emitter", "source"})
+COMPOUND = PARTS | {"paths"}  # of these, by topologies alone

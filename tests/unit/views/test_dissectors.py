@@ -44,6 +44,9 @@ from wire.events import encode_record
 from wire.metadata.blocks import Block, Emission, Emit, Emitted, Finish, Frame, Report
 from wire.metadata.header import TO_SWITCHES, Message
 from wire.metadata.setup import Answer
+from wire.parameters.physics import BellAnalyser, Device, Emitter, Memory, PairSource
+from wire.parameters.switch import inner_port as inner
+from wire.part_descriptions import describe
 
 
 def expected(message: Message, layout: Layout, prefix: str) -> dict[str, list[Any]]:
@@ -349,11 +352,47 @@ def test_optics_in_openflow_are_shown(tmp_path: Path) -> None:
         assert [astuple(one) for one in structures]
 
 
+def inner_port(number: int, name: bytes, described: bytes) -> bytes:
+    size = 40 + len(described)
+    return struct.pack("!IH2x6s2x16sII", number, size, b"", name, 0, 0) + described
+
+
+PARTS = Device(
+    analyser=BellAnalyser("linear", visibility=0.95),
+    memory=Memory(capacity=9, t1_s=1.0, t2_s=2.0, cutoff_s=0.5),
+    source=PairSource(fidelity=0.97),
+    emitter=Emitter("two-click", 0.5, modes=20),
+)
+SHOWN = {  # by what Wireshark shows of each of the switch's parts
+    60_002: {"kind": 5, "which": 2, "optics": 2, "visibility": 950_000, "dark_counts": 0},
+    61_001: {"kind": 2, "which": 0, "modes": 9, "t1_ns": 10**9, "cutoff_ns": 5 * 10**8},
+    62_001: {"kind": 3, "which": 1, "statistics": 1, "phi_plus": 970_000, "psi_minus": 10_000},
+    63_001: {"kind": 4, "scheme": 1, "modes": 20, "efficiency": 500_000, "fidelity": 1_000_000},
+}
+
+
+def statuses() -> list[bytes]:
+    return [
+        openflow(12, bytes(8) + inner_port(port, b"p", describe(inner(port), PARTS)))
+        for port in SHOWN
+    ]
+
+
+def test_parts_behind_inner_ports_are_shown(tmp_path: Path) -> None:
+    frames = [segment(data, at, port=6653) for at, data in enumerate(statuses())]
+    names = sorted({f"qof.part.{name}" for values in SHOWN.values() for name in values})
+    rows = shown(tmp_path, frames, ["qof.port", *names])
+    for (port, values), row in zip(SHOWN.items(), rows, strict=True):
+        assert row["qof.port"] == [str(port)]
+        seen = {name: row[f"qof.part.{name}"] for name in values}
+        assert seen == {name: [str(number)] for name, number in values.items()}
+
+
 def test_spoiled_openflow_is_no_error_of_the_script(tmp_path: Path) -> None:
     draw = random.Random(SEED)
-    frames = []
+    frames, messages = [], [*(data for _, data, _ in openflow_messages()), *statuses()]
     for number in range(600):
-        data = bytearray(draw.choice(openflow_messages())[1])
+        data = bytearray(draw.choice(messages))
         for _ in range(draw.randrange(5)):
             data[draw.randrange(8, len(data))] = draw.choice([0, 1, 8, 0x7F, 0xFF])
         data = data[: draw.randrange(8, len(data) + 1)]

@@ -15,11 +15,8 @@ from wire.analyser_frames import (
     End,
     decode_counts,
     frames_of,
-    port_description,
 )
 from wire.malformed import MalformedPacket
-from wire.parameters.physics import Memory
-from wire.parameters.switch import InnerPort, Kind
 
 SENDER = bytes.fromhex("020000000001")
 FRAME = AnalyserFrame(60_001, 7, End.MEASURED, 5, 0, bytes([0, 1, 2, 3, 255]), 0x01020304)
@@ -123,18 +120,6 @@ def test_counts_add_up_and_are_read_as_written() -> None:
     ]
     with pytest.raises(MalformedPacket, match="79 bytes"):
         decode_counts(counts.encode()[:-1], AnalyserCounts)
-
-
-def test_the_description_of_an_inner_port_is_padded() -> None:
-    analyser = port_description(InnerPort(Kind.ANALYSER, 2, 1), Memory())
-    assert analyser.hex() == "ffff001400514d4e00000001000100010000000200000000"
-    emitter = port_description(InnerPort(Kind.EMITTER, 2, 0), Memory())
-    assert emitter.hex() == "ffff001400514d4e00000001000400000000000200000000"
-    memory = Memory(capacity=9, efficiency=0.5, t1_s=1.0, t2_s=2.0)
-    assert port_description(InnerPort(Kind.MEMORY, 3, 0), memory).hex() == (
-        "ffff003400514d4e000000010002000000000003"  # 52 bytes, of kind 2, the third
-        "000000090007a120000000003b9aca000000000077359400ffffffffffffffff00000000"
-    )
 
 
 def test_what_a_source_emits_by_is_read_as_written_and_hostile_bytes_are_refused() -> None:

@@ -12,6 +12,12 @@ local structures = {
 for name, structure in pairs(structures) do
     for _, field in ipairs(structure.fields) do make_field(made, "qof." .. name, field) end
 end
+local parts = format.parts
+local part_structures = { parts.head }
+for _, structure in pairs(parts.kinds) do part_structures[#part_structures + 1] = structure end
+for _, structure in ipairs(part_structures) do
+    for _, field in ipairs(structure.fields) do make_field(made, "qof.part", field) end
+end
 local port_number = ProtoField.uint32("qof.port", "port")
 local fields = list_of(made)
 fields[#fields + 1] = port_number
@@ -23,7 +29,23 @@ qof.experts = { malformed }
 local PORT_STATUS, PORT_MOD, MULTIPART_REPLY = 12, 16, 19
 local PORT_STATS, PORT_DESC, EXPERIMENTER = 4, 13, 0xffff
 
--- Adds the optical property of a port, if there is one among its properties.
+-- Adds what a property says of the part that an inner port leads to, if it is ours.
+local function add_part(tree, property, port)
+    local head = parts.head
+    if property:len() < head.size or property:range(4, 4):uint() ~= format.experimenter
+        or property:range(8, 4):uint() ~= parts.exp_type then
+        return
+    end
+    local branch = tree:add(qof, property, "part behind port " .. port:uint())
+    branch:add(port_number, port)
+    local values = add_fields(branch, made, "qof.part", head.fields, property)
+    local kind = parts.kinds[values.kind]
+    if kind and property:len() == head.size + kind.size then
+        add_fields(branch, made, "qof.part", kind.fields, property:range(head.size))
+    end
+end
+
+-- Adds the optical property of a port, or our own, if there is one among its properties.
 local function add_optical(tree, name, range, port)
     local structure, offset = structures[name], 0
     while offset + format.property <= range:len() do
@@ -35,6 +57,8 @@ local function add_optical(tree, name, range, port)
             local branch = tree:add(qof, place, "optical " .. name .. " of port " .. port:uint())
             branch:add(port_number, port)
             add_fields(branch, made, "qof." .. name, structure.fields, place)
+        elseif kind == parts.type and name == "description" then
+            add_part(tree, range:range(offset, length), port)
         end
         offset = offset + math.floor((length + 7) / 8) * 8
     end
