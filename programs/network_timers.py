@@ -150,6 +150,20 @@ async def _stepped_timeout(timers: NetworkTimers, seconds: float) -> AsyncIterat
             timer.cancel()
 
 
+async def background_sleep(time: NetworkTime, seconds: float) -> None:
+    """Return after seconds of the wall; stepped, of the network, but the clock does not leap."""
+    if not isinstance(time, SteppedTime):
+        await asyncio.sleep(seconds)
+        return
+    loop, due_ns = asyncio.get_running_loop(), time.now_ns() + round(seconds * 1e9)
+    passed = loop.create_future()
+    timer = timers_of(loop, time).call_at(due_ns, passed.set_result, None, in_background=True)
+    try:
+        await passed
+    finally:
+        timer.cancel()
+
+
 async def sleep_until(time: NetworkTime, time_ns: int) -> None:
     if isinstance(time, SteppedTime):
         await timers_of(asyncio.get_running_loop(), time).wait_until(time_ns)

@@ -10,7 +10,6 @@ from qswitch_agent.light_paths import LightPaths
 from qswitch_agent.openflow.ports import Port
 from qswitch_agent.proxy.proxy import Address, Programs, Proxy, Server
 from qswitch_agent.switch import Switch
-from qswitch_agent.timeouts import HOLD_DEADLINE_S
 from wire.config import AgentConfig, BadConfig
 from wire.parameters.switch import inner_ports
 from wire.registered import TELEMETRY, load, only
@@ -36,14 +35,13 @@ class Agent:
             config.needs_copies,
             self._inner,
         )
-        hold_s = config.time.wall_s(HOLD_DEADLINE_S)
         tls = config.credentials.client() if config.credentials is not None else None
         self._servers: list[tuple[Server, str]] = [
-            (Proxy(address(controller), self._switch, hold_s, tls), config.listening(number))
+            (Proxy(address(controller), self._switch, tls), config.listening(number))
             for number, controller in enumerate(config.controllers)
         ]
         if config.programs:
-            programs = Programs(config.management, self._switch, hold_s)
+            programs = Programs(config.management, self._switch)
             self._servers.append((programs, config.programs))
         for server, _listen in self._servers:
             server.batches = not config.time_folder  # time would leap meanwhile

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
+from programs.network_timers import background_sleep
 from qswitch_agent.hardware.optics import (
     CrossConnect,
     HardwareFault,
@@ -98,7 +99,7 @@ class LightPaths:
         network_time: NetworkTime = REAL_TIME,
         inner_ports: Iterable[int] = (),
     ) -> None:
-        self._time = network_time
+        self.time = network_time
         self.table = FlowTable(fiber_ports, inner_ports)
         self.promises = Promises()
         self._hardware = hardware
@@ -208,7 +209,7 @@ class LightPaths:
         """Delete entries through which no photon has passed for their idle time-out, for ever."""
         active: dict[int, int] = {}  # when a photon passed, or an entry was first seen, by circuit
         while True:
-            await asyncio.sleep(IDLE_POLL_S)
+            await background_sleep(self.time, IDLE_POLL_S)
             waiting = [(e, e.mark) for e in self.table.marked() if e.mark and e.mark.idle_timeout_s]
             if not waiting:
                 active.clear()
@@ -235,7 +236,7 @@ class LightPaths:
                     delete(entry)
 
     def _now_ns(self) -> int:
-        return self._time.now_ns()
+        return self.time.now_ns()
 
     def _answer(self, request: int, refused: Mapping[CrossConnect, str]) -> None:
         self._answered, self._refused = request, refused

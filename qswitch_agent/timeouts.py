@@ -1,9 +1,9 @@
-"""The waits of a quantum switch's agent: seconds of the wall clock."""
+"""The waits of a quantum switch's agent: seconds of the wall clock by default."""
 
 # Open vSwitch
 BARRIER_DEADLINE_S = 5.0  # until the bridge answers a barrier
 SHOW_SOON_S = 0.002  # that a reply waits for the barrier's behind it, to go in one write
-HOLD_DEADLINE_S = 5.0  # that a reply waits for those of its members that are late
+HOLD_DEADLINE_S = 5.0  # of the network: that a reply waits for those of its members that are late
 CLOSE_DEADLINE_S = 0.5  # until a closed connection has taken its last messages
 
 FIRST_RETRY_S = 0.05  # until the controller is called again at first

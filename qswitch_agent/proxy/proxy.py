@@ -159,8 +159,8 @@ class Proxy(Server):
         self,
         controller: Address,
         switch: Switch,
-        hold_deadline_s: float = HOLD_DEADLINE_S,
         tls: ssl.SSLContext | None = None,
+        hold_deadline_s: float = HOLD_DEADLINE_S,
     ) -> None:
         """Hold each barrier's reply until the switch is ready, or the deadline has passed.
 
@@ -221,11 +221,9 @@ class Proxy(Server):
 class Programs(Server):
     """Serves programs such as ovs-ofctl: to them, too, the bridge is an optical switch."""
 
-    def __init__(
-        self, management: str, switch: Switch, hold_deadline_s: float = HOLD_DEADLINE_S
-    ) -> None:
+    def __init__(self, management: str, switch: Switch) -> None:
         """Name the bridge's management socket, to which each program gets a connection."""
-        super().__init__(switch, hold_deadline_s)
+        super().__init__(switch)
         self._management = management
 
     async def _connect(self, reader: StreamReader, writer: StreamWriter) -> None:

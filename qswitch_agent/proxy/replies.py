@@ -1,9 +1,9 @@
 """The bridge's messages, as the controller of an optical switch is to see them."""
 
-import asyncio
 import logging
 import struct
 
+from programs.network_timers import timeout
 from qswitch_agent.bridge import NO_PACKETS, BridgeFault
 from qswitch_agent.hardware.optics import HardwareFault, HardwareRefusal, Readings
 from qswitch_agent.openflow import constants as ofp
@@ -77,7 +77,7 @@ class Replies:
         """
         try:
             confirmed = self._link.confirmed
-            async with asyncio.timeout(self._hold_deadline_s):
+            async with timeout(self._switch.paths.time, self._hold_deadline_s):
                 await self._switch.ready(self._link)
             self._link.reported(confirmed)
         except (BridgeFault, HardwareFault, TimeoutError) as error:

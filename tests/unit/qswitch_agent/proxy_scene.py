@@ -16,6 +16,7 @@ from unittest.mock import patch
 from limits import SOON_S
 from openflow_messages import FIBERS, port
 
+from programs.network_timers import close_timers
 from qswitch_agent.bridge import NO_PACKETS, Commands, SupervisoryChannels
 from qswitch_agent.hardware import optics
 from qswitch_agent.hardware.optics import (
@@ -34,6 +35,7 @@ from qswitch_agent.proxy.proxy import Proxy
 from qswitch_agent.switch import Switch
 from topologies.system.runs.runtime import free_port
 from wire.analyser_frames import AnalyserFrame, Emission
+from wire.network_time import REAL_TIME, NetworkTime
 
 TUNING = Tuning(191_350_000, 196_100_000, 50_000, -20.0, 0.0)
 CONDITION = Condition(TUNING, optics.Path(0.5, 1))
@@ -200,7 +202,9 @@ class Stage:
 
 
 @asynccontextmanager
-async def running_switch() -> AsyncIterator[tuple[Switch, Optics, Reports, End]]:
+async def running_switch(
+    network_time: NetworkTime = REAL_TIME,
+) -> AsyncIterator[tuple[Switch, Optics, Reports, End]]:
     """A switch of four fibre ports whose hardware has reported its condition."""
     hardware = Optics()
     async with AsyncExitStack() as stack:
@@ -221,7 +225,8 @@ async def running_switch() -> AsyncIterator[tuple[Switch, Optics, Reports, End]]
         fibers = [port(number, config=NO_PACKETS) for number in sorted(FIBERS)]
         channels.update(fibers)
         stack.callback(channels.close)
-        paths = LightPaths(FIBERS, hardware)
+        paths = LightPaths(FIBERS, hardware, network_time)
+        stack.callback(close_timers, asyncio.get_running_loop())
         reports = Reports(paths)
         switch = Switch(paths, channels, hardware, reports.synchronise, commands.delete)
         switch.update_ports([*fibers, port(9)])
@@ -236,11 +241,13 @@ async def running_switch() -> AsyncIterator[tuple[Switch, Optics, Reports, End]]
 
 
 @asynccontextmanager
-async def stage(hold_deadline_s: float = SOON_S) -> AsyncIterator[Stage]:
+async def stage(
+    hold_deadline_s: float = SOON_S, network_time: NetworkTime = REAL_TIME
+) -> AsyncIterator[Stage]:
     """A proxy whose bridge and controller are connected."""
-    async with running_switch() as (switch, hardware, reports, commanded):
+    async with running_switch(network_time) as (switch, hardware, reports, commanded):
         controllers = Listener()
-        proxy = Proxy(("127.0.0.1", await controllers.start()), switch, hold_deadline_s)
+        proxy = Proxy(("127.0.0.1", await controllers.start()), switch, None, hold_deadline_s)
         number = free_port()
         await proxy.serve(("127.0.0.1", number))
         bridge = End(*await asyncio.open_connection("127.0.0.1", number))

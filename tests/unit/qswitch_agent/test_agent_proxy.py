@@ -17,6 +17,7 @@ from optical_switch_scene import (
 )
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from proxy_scene import play, stage
+from stepping import stepping
 
 from qswitch_agent.hardware.optics import (
     Condition,
@@ -27,6 +28,7 @@ from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.messages import encode, hello
 from qswitch_agent.proxy.link import PRIVATE_XID
 from wire import optical
+from wire.network_time import SteppedTime
 
 
 def test_messages_pass_both_ways_unchanged() -> None:
@@ -224,6 +226,24 @@ def test_hold_has_a_deadline(caplog: pytest.LogCaptureFixture) -> None:
 
     play(scene())
     assert "light paths were not ready in 0.05 s" in caplog.text
+
+
+def test_a_reply_is_held_for_time_of_the_network_however_long_the_wall_takes() -> None:
+    """In place of an hour the clock leaps, as nothing else waits for an instant."""
+
+    async def scene(time: SteppedTime) -> None:
+        async with stage(3600, time) as now:
+            now.reports.open.clear()
+            asked = of.light(1, 2, xid=6)
+            now.controller.says(asked, of.barrier_request(7))
+            await heard_light(now.bridge)
+            await now.bridge.hears(of.barrier_request(7))
+            now.bridge.says(of.barrier_reply(7))
+            await now.controller.hears(undone(asked), of.barrier_reply(7))
+            assert time.now_s() == 3600
+
+    with stepping() as gate:
+        play(scene(gate.time))
 
 
 def test_taken_output_is_refused_before_the_bridge_hears_of_it() -> None:
