@@ -40,6 +40,7 @@ from programs.relay import relay
 from qswitch_agent.hardware.optics import HardwareFault
 from qswitch_agent.switch import Switch
 from wire.config import AgentConfig, BadConfig
+from wire.network_time import REAL_TIME, NetworkTime
 
 VERSION = "0.8.0"
 ENCODINGS = (gnmi.JSON, gnmi.JSON_IETF, gnmi.PROTO)
@@ -124,8 +125,8 @@ class Followed:
 
 
 class Telemetry(gNMIServicer):  # type: ignore[misc]
-    def __init__(self, observe: Observe) -> None:
-        self._observe = observe
+    def __init__(self, observe: Observe, network_time: NetworkTime = REAL_TIME) -> None:
+        self._observe, self._time = observe, network_time
         self._streams = 0
 
     async def Capabilities(self, _request: Any, _context: Any) -> Any:
@@ -152,7 +153,7 @@ class Telemetry(gNMIServicer):  # type: ignore[misc]
                 text = f"there is nothing at {'/'.join(element.name for element in requested.elem)}"
                 await context.abort(grpc.StatusCode.NOT_FOUND, text)
             sent = here if of_state else []
-            notifications.append(notification(time.time_ns(), sent, request.encoding))
+            notifications.append(notification(self._time.stamp_ns(), sent, request.encoding))
         return gnmi.GetResponse(notification=notifications)
 
     async def Set(self, _request: Any, context: Any) -> Any:
@@ -220,7 +221,7 @@ class Telemetry(gNMIServicer):  # type: ignore[misc]
             subscription.due_s = now_s + subscription.period_s
             news, gone = subscription.news(leaves)
             if news or gone:
-                update = notification(time.time_ns(), news, encoding, gone)
+                update = notification(self._time.stamp_ns(), news, encoding, gone)
                 responses.append(gnmi.SubscribeResponse(update=update))
         return responses
 
@@ -274,7 +275,7 @@ async def serving(config: AgentConfig, switch: Switch) -> AsyncIterator[None]:
     assert config.gnmi_fd is not None
     place = f"unix:{config.gnmi}"
     server = grpc.aio.server(options=[*OPTIONS, *grpc_options()])
-    telemetry = Telemetry(partial(observe, switch, config.switch))
+    telemetry = Telemetry(partial(observe, switch, config.switch), config.time)
     add_gNMIServicer_to_server(telemetry, server)
     try:
         if config.credentials is None:
