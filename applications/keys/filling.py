@@ -23,7 +23,7 @@ from applications.keys.delivery import KeyDelivery
 from applications.keys.link_states import KeyLinkStates
 from applications.keys.sessions import Outcome, StackGone, hold, listening, offered
 from applications.timeouts import FILLING_PAUSE_S
-from hosts.network_loop import wall_sleep
+from hosts.network_loop import background_sleep
 from hosts.timeouts import CHECK_PERIOD_S
 
 
@@ -67,7 +67,7 @@ async def _keep(
         level = await asyncio.to_thread(lambda: min(store.mine, store.theirs))
         filling = level < (link.high if filling else link.low) or link.peer in delivery.withheld
         if not filling:
-            await wall_sleep(CHECK_PERIOD_S)
+            await background_sleep(CHECK_PERIOD_S)
             continue
         port, options = KEY_LINK_PORTS[link.protocol], link.options
         outcome = await hold(config.stack, link.protocol, link.peer, port, options)

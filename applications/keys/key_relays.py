@@ -23,20 +23,32 @@ from applications.keys.route_messages import (
     KeyRouteRequest,
     route_tag,
 )
+from controller_apps.apps.ticks import Ticks
 from controller_apps.console.questions import EventQuestion, Refused, reply
 from controller_apps.devices.hosts_state import Place
 from controller_apps.light.optics import SwitchPort
 from controller_apps.openflow import flow_entries
-from controller_apps.openflow.framework import DEAD, MAIN, App, Datapath, ofp_event, ofproto, on
+from controller_apps.openflow.framework import (
+    DEAD,
+    MAIN,
+    App,
+    Datapath,
+    hub,
+    ofp_event,
+    ofproto,
+    on,
+)
 from controller_apps.packets import CONTROLLER_MAC, Frame
 from controller_apps.policy.reading import BadPolicy, read_policy
 from controller_apps.record import PortLines, Record
+from controller_apps.timeouts import DEVICE_TICK_S
 from wire.config import ControllerConfig
 from wire.device import DEVICE_PORT, Datagram, host_of, open_sealed
 from wire.malformed import MalformedPacket
 from wire.metadata.header import Message
 from wire.metadata.setup import Answer
 from wire.metadata.vocabulary import Reason
+from wire.network_time import SteppedTime
 
 
 @dataclass(frozen=True)
@@ -53,6 +65,7 @@ class KeyRelays(App):
         super().__init__(**contexts)
         self.quantum_switches = frozenset(config.quantum_switches.values())
         self.address, self.policy_path = config.address, config.policy
+        self.time, self._ticks = config.time, Ticks(config.time, DEVICE_TICK_S)
         self.keys, self.addresses = config.device_keys, config.addresses
         self.record = record
         self.datapaths: dict[int, Datapath] = {}
@@ -61,6 +74,16 @@ class KeyRelays(App):
         self._numbers: dict[str, int] = {}  # of the last datagram that was taken, by host
         self._number = 0
         self._port_lines = PortLines(self.logger)
+
+    def start(self) -> Any:
+        """Begin to handle events; called by the framework."""
+        super().start()
+        if isinstance(self.time, SteppedTime):
+            hub.spawn(self._tick_for_ever)
+
+    def _tick_for_ever(self) -> None:
+        while True:
+            self._ticks.wait()
 
     @on(ofp_event.EventOFPStateChange, MAIN, DEAD)
     def switch_changed(self, event: Any) -> None:
@@ -80,7 +103,7 @@ class KeyRelays(App):
         message, frame = event.msg, bytes(event.msg.data)
         if not self.takes(message):
             return
-        self._port_lines.time_passed(time.monotonic())
+        self._port_lines.time_passed(self._ticks.now_s())
         try:
             datagram = Frame.decode(frame)
             if datagram.source_port != KEY_AGENT_PORT:
@@ -96,7 +119,7 @@ class KeyRelays(App):
 
     def _dropped(self, message: Any, what: str) -> None:
         at = SwitchPort(message.datapath.id, message.match["in_port"])
-        self._port_lines.add(at, f"dropped: {what}", time.monotonic())
+        self._port_lines.add(at, f"dropped: {what}", self._ticks.now_s())
 
     def _open(self, message: Any, frame: Frame) -> Heard:
         host = host_of(frame.payload)
@@ -111,7 +134,7 @@ class KeyRelays(App):
         return Heard(host, place, datagram.message)
 
     def _take_in(self, heard: Heard) -> None:
-        address, now = self.addresses[heard.host], time.monotonic()
+        address, now = self.addresses[heard.host], self._ticks.now_s()
         match heard.message:
             case KeyLinks(_, links):
                 before = self.network.stores(address)
@@ -148,7 +171,7 @@ class KeyRelays(App):
             return Answer(request.session, Reason.NOT_ALLOWED, str(error))
         route = [self.network.names[node] for node in nodes]
         self.record.write("key-route", host=host, **fields, route=route)
-        issued_ns = time.time_ns()
+        issued_ns = self.time.stamp_ns()
         first, *others = nodes
         tags = [route_tag(self.keys[self.network.names[node]], issued_ns, nodes) for node in others]
         hops = [Hop(first), *(Hop(*hop) for hop in zip(others, tags, strict=True))]
@@ -179,7 +202,7 @@ class KeyRelays(App):
     @on(EventQuestion)
     def asked(self, question: Any) -> None:
         handlers = {
-            "keys": lambda: {"qkd_nodes": keys_view(self.network, time.monotonic())},
+            "keys": lambda: {"qkd_nodes": keys_view(self.network, self._ticks.now_s())},
             "reload": self._reload_policy,
         }
         reply(question, handlers)

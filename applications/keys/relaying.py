@@ -8,7 +8,6 @@ is, for this route and for so long. The pads are stored keys, each used once; a 
 authenticated by a stored key of its own (Wegman and Carter), besides the TLS that carries it.
 """
 
-import time
 from collections.abc import Awaitable, Callable, Sequence
 from hmac import compare_digest
 from uuid import UUID
@@ -40,6 +39,7 @@ class Relaying:
     ) -> None:
         self._config, self._stored, self._send, self._keep = config, stored, send, keep
         self._hosts = {address: host for host, address in config.hosts.items()}
+        self._time = config.time
 
     async def send(
         self, route: KeyRoute, master: str, slaves: Sequence[str], keys: Sequence[DeliveredKey]
@@ -83,7 +83,7 @@ class Relaying:
         wanted = route_tag(self._config.device_key, relay.issued_ns, nodes)
         if not compare_digest(wanted, relay.hops[place].tag):
             raise unauthorized()
-        if abs(time.time_ns() - relay.issued_ns) > ROUTE_S * NS:
+        if abs(self._time.stamp_ns() - relay.issued_ns) > ROUTE_S * NS:
             raise bad_request(f"the route is older than {ROUTE_S:g} s: ask for another")
         ends = self._hosts[nodes[0]], self._hosts[nodes[-1]]
         places = [self._config.saes.get(name) for name in (relay.master, *relay.slaves)]

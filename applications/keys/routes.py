@@ -25,7 +25,7 @@ from applications.keys.route_messages import (
     LinkState,
 )
 from applications.timeouts import LINKS_PERIOD_S, ROUTE_PAUSE_S, ROUTE_TIMEOUT_S
-from hosts.network_loop import wall_sleep, wall_timeout
+from hosts.network_loop import background_sleep
 from wire.device import DEVICE_PORT, Datagram, open_sealed
 from wire.malformed import MalformedPacket
 from wire.metadata.header import Message
@@ -40,7 +40,7 @@ class Routes(asyncio.DatagramProtocol):
     def __init__(
         self, config: KeyManagerConfig, links: Callable[[], tuple[LinkState, ...]]
     ) -> None:
-        self._config, self._links = config, links
+        self._config, self._links, self._time = config, links, config.time
         self._asked: dict[int, asyncio.Future[KeyRoute]] = {}
         self._heard = self._number = self._request = 0
 
@@ -81,7 +81,7 @@ class Routes(asyncio.DatagramProtocol):
             links = await asyncio.to_thread(self._links)
             if links:
                 self._send(KeyLinks(0, links[:MAX_LINKS]))
-            await wall_sleep(LINKS_PERIOD_S)
+            await background_sleep(LINKS_PERIOD_S)
 
     async def ask(self, host: str, stored: int, master: str, slave: str) -> KeyRoute:
         """Return the manager by which stored keys can go to a host; raise Refused if none."""
@@ -92,7 +92,7 @@ class Routes(asyncio.DatagramProtocol):
         self._send(KeyLinks(0, (await asyncio.to_thread(self._links))[:MAX_LINKS]))
         request = KeyRouteRequest(number, self._config.hosts[host], stored, master, slave)
         try:
-            async with wall_timeout(ROUTE_TIMEOUT_S):
+            async with asyncio.timeout(self._time.network_s(ROUTE_TIMEOUT_S)):
                 return await self._repeat(request, answer)
         except TimeoutError:
             text = f"the controller has not answered in {ROUTE_TIMEOUT_S:g} s"
@@ -106,7 +106,7 @@ class Routes(asyncio.DatagramProtocol):
         while True:
             self._send(request)
             with suppress(TimeoutError):
-                async with wall_timeout(ROUTE_PAUSE_S):
+                async with asyncio.timeout(self._time.network_s(ROUTE_PAUSE_S)):
                     return await asyncio.shield(answer)
 
     async def register(self, host: str, master: str, slave: str) -> None:
