@@ -7,7 +7,7 @@ import select
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from unittest.mock import patch
 
 from programs.network_waits import NetworkWaits
@@ -25,6 +25,11 @@ class _Waits(threading.local):
             self._own = NetworkWaits(_Waits.time)
         return self._own
 
+    def close(self) -> None:
+        """Forget those of this thread: later ones may count another time."""
+        if "_own" in vars(self):
+            vars(self).pop("_own").close()
+
 
 _waits = _Waits()
 
@@ -35,7 +40,9 @@ def counting(network_time: NetworkTime) -> Iterator[None]:
     if not isinstance(network_time, SteppedTime):
         yield
         return
+    _waits.close()
     with (
+        closing(_waits),
         patch.object(_Waits, "time", network_time),
         patch.object(time, "sleep", lambda seconds: _waits.own.sleep(seconds)),
         patch.object(time, "time", lambda: network_time.now_ns() / 1e9),

@@ -4,6 +4,7 @@ Of two programs, the one whose name comes later connects; the other waits for it
 """
 
 import json
+import os
 import select
 import socket
 import threading
@@ -11,6 +12,7 @@ import time
 import weakref
 from collections import Counter, defaultdict, deque
 from collections.abc import Collection, Sequence
+from contextlib import suppress
 from typing import Any
 
 from netqasm.sdk.classical_communication.broadcast_channel import BroadcastChannelBySockets
@@ -37,12 +39,17 @@ from wire.malformed import MalformedPacket
 MOST_JOINED = 256  # connections that no socket has taken up yet
 
 
-def any_ready(sockets: Sequence["Socket | socket.socket"], timeout_s: float | None) -> bool:
+def any_ready(files: Sequence["Socket | socket.socket | int"], timeout_s: float | None) -> bool:
     """Return whether something can be read in time; unlike select, above 1,023 open files, too."""
     poll = select.poll()
-    for each in sockets:
+    for each in files:
         poll.register(each, select.POLLIN)
     return ready(poll, timeout_s)
+
+
+def counter() -> int:
+    """Return the file of a count, which can be read while it is not zero."""
+    return os.eventfd(0, os.EFD_NONBLOCK | os.EFD_SEMAPHORE | os.EFD_CLOEXEC)
 
 
 class Exchange:
@@ -52,7 +59,9 @@ class Exchange:
         """Listen from now on, until close, to programs at the addresses of the application."""
         self._role, self._peers = role, peers
         self._joined: defaultdict[tuple[str, int], deque[socket.socket]] = defaultdict(deque)
-        self._changed = threading.Condition()
+        # How many, as time-outs of files count stepped time, and those of threads do not.
+        self._counts: defaultdict[tuple[str, int], int] = defaultdict(counter)
+        self._changing = threading.Lock()
         self._listener = socket.create_server((address, TEXTS_PORT), backlog=64)
         threading.Thread(target=self._listen, daemon=True).start()
 
@@ -60,17 +69,23 @@ class Exchange:
         """Listen no more; connections that were taken up stay."""
         self._listener.shutdown(socket.SHUT_RDWR)
         self._listener.close()
-        with self._changed:
+        with self._changing:
             for waiting in self._joined.values():
                 for connection in waiting:
                     connection.close()
+            for count in self._counts.values():
+                os.close(count)
+            self._counts.clear()
 
     def wait_for(self, remote: str, number: int, timeout_s: float) -> socket.socket:
-        with self._changed:
-            waiting = self._joined[remote, number]
-            if not self._changed.wait_for(lambda: waiting, timeout_s):
-                raise TimeoutError(f"{remote} did not open socket {number} in {timeout_s:g} s")
-            return waiting.popleft()
+        with self._changing:
+            count = self._counts[remote, number]
+        deadline = time.monotonic() + timeout_s
+        while any_ready([count], max(deadline - time.monotonic(), 0)):
+            with suppress(BlockingIOError), self._changing:  # another thread was faster
+                os.eventfd_read(count)
+                return self._joined[remote, number].popleft()
+        raise TimeoutError(f"{remote} did not open socket {number} in {timeout_s:g} s")
 
     def _listen(self) -> None:
         while True:
@@ -99,13 +114,13 @@ class Exchange:
         except (OSError, MalformedPacket):
             connection.close()
             return
-        with self._changed:
+        with self._changing:
             full = sum(map(len, self._joined.values())) >= MOST_JOINED
             if greeting.receiver != self._role or full:
                 connection.close()
                 return
             self._joined[greeting.sender, greeting.socket].append(connection)
-            self._changed.notify_all()
+            os.eventfd_write(self._counts[greeting.sender, greeting.socket], 1)
 
 
 class Socket(BaseSocket):

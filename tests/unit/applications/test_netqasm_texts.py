@@ -5,7 +5,9 @@ from contextlib import ExitStack, closing
 
 import pytest
 from limits import SOON_S
+from stepping import stepping
 
+from applications.netqasm.process_time import counting
 from applications.netqasm.text_format import GREETING, TEXTS_PORT, Greeting, encode_greeting
 from applications.netqasm.texts import Exchange
 
@@ -28,6 +30,15 @@ def test_silent_connections_of_other_hosts_do_not_delay_a_program() -> None:
         alice.sendall(encode_greeting(Greeting("alice", "bob", 0)))
         with exchange.wait_for("alice", 0, SOON_S) as taken:
             assert taken.getpeername() == alice.getsockname()
+
+
+def test_a_program_that_waits_for_another_waits_for_time_of_the_network() -> None:
+    """In place of an hour the clock leaps, as nobody else waits for an instant."""
+    with stepping() as gate, counting(gate.time):
+        exchange = Exchange("bob", BOB, {BOB})
+        with closing(exchange), pytest.raises(TimeoutError, match="in 3600 s"):
+            exchange.wait_for("alice", 0, 3600)
+        assert gate.time.now_s() == 3600
 
 
 @pytest.mark.parametrize("cut", [1, GREETING.size - 1])
