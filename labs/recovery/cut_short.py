@@ -2,7 +2,6 @@
 
 import json
 import sys
-import time
 from collections import Counter
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from views.events.event_sources import recorded
 from wire.results.run_result import RESULT
 
 ENDS, WAY, SESSIONS = ("alice", "charlie"), ("source", "charlie"), 5
+CUT_S = 0.03  # some of the light of a session has come by the short way
 
 
 def shared(network: QuantumNetwork, cut: bool = False) -> Counter[str]:
@@ -24,7 +24,7 @@ def shared(network: QuantumNetwork, cut: bool = False) -> Counter[str]:
     earlier = came(network)
     with session(network, "distribute", ENDS, count=200, sample=0.4, rate_hz=250_000) as asked:
         if cut:
-            time.sleep(0.25)  # some light comes by the short way
+            network.sleep(CUT_S)
             network.net.configLinkStatus("q1", "q3", "down")
         asked.results()
         summary = asked.summary
@@ -41,7 +41,8 @@ seed, runs = sys.argv[2::2]  # --seed 1 --runs DIR
 folder = make_folder(Path(runs), "campus")
 with start(Campus, folder, seed=int(seed)) as network:
     before = sum((shared(network) for _ in range(SESSIONS)), Counter())
-    begin_ns, _told, end_ns = time.time_ns(), shared(network, cut=True), time.time_ns()
+    stamp_ns = network.runtime.time.stamp_ns
+    begin_ns, _counts, end_ns = stamp_ns(), shared(network, cut=True), stamp_ns()
     after = sum((shared(network) for _ in range(SESSIONS)), Counter())
     dark = dark_spans(recorded(folder / EVENT_CAPTURE, follow=False), network.runtime.fibers, WAY)
 outage_ns = max(end - begin for begin, end in dark if begin_ns < begin and end < end_ns)
