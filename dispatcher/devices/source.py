@@ -96,7 +96,7 @@ def bell_states(source: PairSource, random: PhotonRandom) -> NDArray[np.uint8] |
         return None
     wrong = random.events("not Phi+", others)
     states = np.zeros(random.photons, dtype=np.uint8)
-    states[wrong] = 1 + random.which("Bell state", wrong.size, probabilities[1:])
+    states[wrong] = 1 + random.which_of("Bell state", wrong, probabilities[1:])
     return states
 
 

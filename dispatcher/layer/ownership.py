@@ -176,7 +176,7 @@ class Block:
     @property
     def places(self) -> int:
         """How much of its node's share of photons it takes."""
-        return self.register.size if self.weak is None else self.weak.choices.places
+        return self.register.size if self.weak is None else self.weak.places
 
     @property
     def remaining(self) -> int:

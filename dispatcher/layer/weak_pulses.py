@@ -9,6 +9,7 @@ the pulses, independent of other layers (Kingman, Poisson Processes, chapter 2).
 All else that a photon meets is keyed by its pulse and its fate, whichever others are drawn.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -19,22 +20,24 @@ from numpy.typing import NDArray
 from dispatcher.photon_random import PhotonRandom, PhotonsByKey
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.draws import PhotonDraws
-from wire.keyed import KeyedChoices, identities
+from wire.keyed import KeyedChoices, Words, identities
 
 LAYERS = 16  # in the last one are all fates below 2 ** -LAYERS
 
 Pulses = NDArray[np.int64]
+BasesAt = Callable[[Pulses], Bytes]  # the bases of some pulses
 Noise = Callable[[PhotonRandom], Bytes]  # Paulis of some photons, by random numbers of each
 
 
 class Photons(NamedTuple):
-    """Some photons, by their pulses, ascending; both shape (m,)."""
+    """Some photons, by their pulses, ascending; all shape (m,)."""
 
     pulses: Pulses
     fates: NDArray[np.float64]
+    keys: Words  # of what else each draws
 
     def chosen(self, mask: NDArray[np.bool_]) -> "Photons":
-        return Photons(self.pulses[mask], self.fates[mask])
+        return Photons(self.pulses[mask], self.fates[mask], self.keys[mask])
 
 
 @dataclass(frozen=True)
@@ -69,14 +72,12 @@ class ArrayChoices:
 Choices = ArrayChoices | KeyedChoices
 
 
-@dataclass(eq=False, slots=True)
-class WeakPulses:
+@dataclass(eq=False, slots=True, kw_only=True)
+class WeakPulses(ABC):
     """A block of pulses on its way: its light is all that has happened to it so far."""
 
     count: int
     mean: float  # photons of a pulse of the highest intensity
-    shares: NDArray[np.float64]  # of that, by level
-    choices: Choices
     random: PhotonRandom  # of the source
     jitter_ps: float = 0.0
     transmission: float = 1.0
@@ -93,21 +94,35 @@ class WeakPulses:
 
     def photons(self, share: float = 1.0) -> Photons:
         """Draw the photons that have come so far, of which such a share may be seen."""
-        drawn = self._below(self.transmission * share)
+        drawn = self.below(self.transmission * share)
         return drawn.chosen(drawn.fates < share * self.thresholds(drawn))
+
+    @property
+    @abstractmethod
+    def places(self) -> int:
+        """For how many pulses something is kept."""
+
+    @abstractmethod
+    def states(self, photons: Photons, bases: Bytes | None = None) -> Bytes:
+        """Return the state of each photon before all noise, measured in its basis; shape (m,).
+
+        Without bases: the state in which it is if no other photon depends on it.
+        """
+
+    @abstractmethod
+    def below(self, threshold: float) -> Photons:
+        """Draw all photons whose fate is below a threshold, by their pulses."""
 
     def thresholds(self, photons: Photons) -> NDArray[np.float64]:
         """Return below which fate each photon has come so far, shape (m,)."""
-        levels = self.choices.levels(photons.pulses)
-        shares = np.ones(photons.pulses.size) if levels is None else self.shares[levels]
-        return self.transmission * shares
+        return np.full(photons.pulses.size, self.transmission)
 
     def paulis(self, photons: Photons) -> Bytes:
         """Return all that noise has done to photons so far: 0 I, 1 X, 2 Z, 3 XZ; shape (m,)."""
         paulis = np.zeros(photons.pulses.size, np.uint8)
         for keys, noises in (
             (photons.pulses, self.of_pulses),
-            (identities(*photons), self.of_photons),
+            (photons.keys, self.of_photons),
         ):
             for random, noise in noises:
                 paulis ^= noise(PhotonsByKey.of(random, keys))
@@ -121,7 +136,7 @@ class WeakPulses:
 
     def draws(self, photons: Photons, random: PhotonRandom) -> PhotonDraws:
         """Return what photons draw for a measurement."""
-        by_key = PhotonsByKey.of(random, identities(*photons))
+        by_key = PhotonsByKey.of(random, photons.keys)
         return PhotonDraws(
             lambda: (by_key.uniform("bit") < 0.5).astype(np.uint8),
             lambda: by_key.uniform("fraction"),
@@ -129,27 +144,45 @@ class WeakPulses:
 
     def most_photons(self, share: float) -> float:
         """Return how many photons `photons` has to draw, on average."""
-        return self.count * self.mean * 2.0 ** -_first_layer(self.transmission * share)
+        return self.count * self.mean * 2.0 ** -first_layer(self.transmission * share)
 
-    def _below(self, threshold: float) -> Photons:
-        """Draw all photons whose fate is below a threshold, by their pulses."""
-        layers = range(_first_layer(threshold), LAYERS + 1)
-        pulses, fates = zip(*map(self._layer, layers), strict=True)
-        every = Photons(np.concatenate(pulses), np.concatenate(fates))
-        below = every.chosen(every.fates < threshold)
-        order = np.argsort(below.pulses, kind="stable")
-        return Photons(below.pulses[order], below.fates[order])
 
-    def _layer(self, number: int) -> Photons:
+@dataclass(eq=False, slots=True, kw_only=True)
+class LaserPulses(WeakPulses):
+    """Pulses of states that a host has chosen."""
+
+    shares: NDArray[np.float64]  # of the mean, by level
+    choices: Choices
+
+    @property
+    def places(self) -> int:
+        return self.choices.places
+
+    def states(self, photons: Photons, bases: Bytes | None = None) -> Bytes:
+        return self.choices.states(photons.pulses)
+
+    def thresholds(self, photons: Photons) -> NDArray[np.float64]:
+        levels = self.choices.levels(photons.pulses)
+        shares = np.ones(photons.pulses.size) if levels is None else self.shares[levels]
+        return self.transmission * shares
+
+    def below(self, threshold: float) -> Photons:
+        layers = range(first_layer(threshold), LAYERS + 1)
+        pulses, fates = map(np.concatenate, zip(*map(self._layer, layers), strict=True))
+        some = np.flatnonzero(fates < threshold)
+        order = some[np.argsort(pulses[some], kind="stable")]
+        return Photons(pulses[order], fates[order], identities(pulses[order], fates[order]))
+
+    def _layer(self, number: int) -> tuple[Pulses, NDArray[np.float64]]:
         most = 2.0**-number
         least = 0.0 if number == LAYERS else most / 2
         random = self.random.generator(f"photons {number}")
         count = random.poisson(self.count * self.mean * (most - least))
         pulses = np.sort(random.integers(0, self.count, count))
-        return Photons(pulses, least + random.random(count) * (most - least))
+        return pulses, least + random.random(count) * (most - least)
 
 
-def _first_layer(threshold: float) -> int:
+def first_layer(threshold: float) -> int:
     """Return the first layer that has fates below a threshold."""
     _mantissa, exponent = np.frexp(threshold)
     return min(max(-int(exponent), 0), LAYERS) if threshold else LAYERS
@@ -162,12 +195,12 @@ def first_of_each(pulses: Pulses) -> NDArray[np.bool_]:
     return first
 
 
-def weak_pulses(
+def laser_pulses(
     intensities: tuple[float, ...], choices: Choices, random: PhotonRandom
-) -> WeakPulses:
+) -> LaserPulses:
     mean, count = intensities[0], choices.count
     shares = np.array(intensities) / mean if mean else np.ones(len(intensities))
-    light = WeakPulses(count, mean, shares, choices, random)
+    light = LaserPulses(count=count, mean=mean, random=random, shares=shares, choices=choices)
     light.expected = int(
         random.generator("photons count").poisson(count * mean * choices.mean(shares))
     )

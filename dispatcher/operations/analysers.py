@@ -169,7 +169,7 @@ class Analysers:
             name = BellOutcomes.End.Name(end).lower().replace("_", " ")
             layer.record(node, "discard", block, block.port, name)
             layer.drop(block)
-        self._reports.add(node, BellOutcomes(end=end, photons=blocks[0].register.size))
+        self._reports.add(node, BellOutcomes(end=end, photons=blocks[0].size))
 
     def _meet(self, first: Block, second: Block) -> None:
         """Bell-measure the light of two inputs; what does not fit together is discarded."""

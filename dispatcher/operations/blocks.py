@@ -115,6 +115,8 @@ class Operations:
         weak = weak_light.is_weak(source) and not _has_custom_noise(layer, node)
         if choices is not None and weak:
             return self._create_weak(node, names[0], source, choices)
+        if halves == PAIR and source.statistics == "poisson" and not _has_custom_noise(layer, node):
+            return self._create_weak_pairs(node, names, source, request.count)
         require_count(request.count)
         states, levels = self._states(request, choices, source)
         if states is not None and weak:
@@ -169,6 +171,20 @@ class Operations:
 
         layer.record(node, "create", block, detail=detail, each=each)
         return layer.feedback(block)
+
+    def _create_weak_pairs(
+        self, node: str, names: list[BlockName], source: PairSource, count: int
+    ) -> Feedback:
+        """Let a source emit pairs, which are drawn when something looks at either half."""
+        layer = self._layer
+        if not count:
+            raise invalid("count is 0; name the pulses to be made")
+        self._require_capacity(node, names, 0, 0)
+        blocks = self._new_blocks(node, names, [Register(0), Register(0)])
+        pairs = weak_light.emitted_pairs(layer, blocks, source, count)
+        self.pairs_created += pairs
+        layer.record(node, "create", blocks[0], detail=f"Bell pairs, {pairs} in weak pulses")
+        return layer.feedback(blocks[0])
 
     def _new_blocks(
         self, node: str, names: Sequence[BlockName], registers: Sequence[Register]

@@ -137,6 +137,8 @@ class Flight:
         while self._queue:
             await clock.wait_until(self._queue[0][0])
             time_ns, _number, line, beam = heapq.heappop(self._queue)
+            if beam.members.size < beam.block.register.size:  # its photons were drawn meanwhile
+                beam.members = _every_pulse(beam.block)
             self._pass(beam, line)
             switch = self._layer.network.switches.get(line.far.node)
             if _is_lit(beam):

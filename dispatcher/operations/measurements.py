@@ -17,7 +17,8 @@ from dispatcher.fiber.turn import alignment
 from dispatcher.layer import device_noise, drift, extra_pairs, pulses
 from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import Block, Pulses
-from dispatcher.layer.weak_pulses import WeakPulses
+from dispatcher.layer.weak_pairs import WeakHalf
+from dispatcher.layer.weak_pulses import BasesAt, WeakPulses
 from dispatcher.operations import imperfections, limits, weak_light
 from dispatcher.operations.blocks import require_pairs
 from dispatcher.operations.interference import Interference
@@ -60,7 +61,7 @@ class Measurements:
         hardware.require_encoding(layer.devices, node, block.pulses.encoding)
         bases = limits.bases(request, block.size)
         if block.weak is not None:
-            if (obstacle := self._obstacle(block)) is None:
+            if (obstacle := self._obstacle(block, request, bases)) is None:
                 return self._measure_weak(block, block.weak, request, bases)
             weak_light.draw(layer, obstacle, block)
         values = bases(np.arange(block.size))
@@ -98,7 +99,7 @@ class Measurements:
         block: Block,
         light: WeakPulses,
         request: MeasureRequest,
-        bases: weak_light.BasesAt,
+        bases: BasesAt,
     ) -> Feedback:
         """Measure and use up weak pulses, of which only those are simulated that may click."""
         layer = self._layer
@@ -124,8 +125,11 @@ class Measurements:
             _tell_bits(feedback, outcomes.of_all(light.count), request)
         return feedback
 
-    def _obstacle(self, block: Block) -> str | None:
+    def _obstacle(self, block: Block, request: MeasureRequest, bases: BasesAt) -> str | None:
         """Return what weak pulses have to be drawn for before a measurement; None: nothing."""
+        by_array = isinstance(block.weak, WeakHalf) and not request.key
+        if by_array and (bases(np.arange(block.size)) >= PAULI_BASES).any():
+            return "pairs measured between Z and X"
         if self._layer.devices.noise(block.node, "detectors") is not None:
             return "noise of detectors"
         return self._layer.waits(block)
@@ -394,7 +398,7 @@ class Outcomes(NamedTuple):
         outcomes[self.slots] = self.bits
         return outcomes
 
-    def each(self, bases: weak_light.BasesAt) -> Callable[[int], str]:
+    def each(self, bases: BasesAt) -> Callable[[int], str]:
         """Return what tells in which basis a photon was measured, and the outcome."""
 
         def of(position: int) -> str:

@@ -25,6 +25,7 @@ import numpy as np
 from dispatcher.layer import cutoff, extra_pairs
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block, BlockName
+from dispatcher.operations import weak_light
 from dispatcher.operations.analysers import Analysers, Reports
 from dispatcher.operations.gathering import Gathering
 from dispatcher.operations.imperfections import over
@@ -219,6 +220,7 @@ class SwitchMemories:
             self._discard(block, BellOutcomes.FAILED, "refused")
             return
         try:
+            weak_light.draw(layer, f"the memory {node}", block)
             _wrong, old = layer.memories.store(block, switch.cutoffs_s.get(int(block.port)))
         except Refusal as refusal:
             layer.record(node, "refuse", block, block.port, str(refusal))
@@ -321,9 +323,9 @@ class SwitchMemories:
 
     def _discard(self, block: Block, end: "BellOutcomes.End", count: str) -> None:
         layer, node = self._layer, block.node
-        self._counts[node][count] += block.register.remaining
+        self._counts[node][count] += block.remaining
         name = BellOutcomes.End.Name(end).lower().replace("_", " ")
         layer.record(node, "discard", block, block.port, name)
-        report = BellOutcomes(end=end, photons=block.register.size)
+        report = BellOutcomes(end=end, photons=block.size)
         layer.drop(block)
         self._reports.add(node, report)

@@ -1,12 +1,13 @@
-"""Weak pulses of a laser as operations use them: on fibres and switches, and at detectors.
+"""Weak pulses, of a laser or of pairs, as operations use them: on their way, and at detectors.
 
 They stay undrawn from their source to a detector, behind losses, Paulis that photons meet each for
 itself, and switches that connect one path all the while. Whatever else is done to a block draws its
-photons first, for all pulses: it is a block like others then, and the event log says why.
+photons first, for all pulses: it is a block like others then, and the event log says why. Of pairs
+that is done to both halves at once, or to one whose other half was measured, or is gone.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from dispatcher.devices.detector import Slots, Train
 from dispatcher.devices.detectors import Detection, ExtraBits
-from dispatcher.devices.source import misprepared
+from dispatcher.devices.source import bell_states, misprepared
 from dispatcher.fiber.fiber_noise import obstacle
 from dispatcher.fiber.noise import (
     MEMORYLESS,
@@ -27,12 +28,14 @@ from dispatcher.fiber.noise import (
 from dispatcher.layer import pulses
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block, BlockName, ExtraPairs
+from dispatcher.layer.weak_pairs import Pairs, WeakHalf, weak_halves
 from dispatcher.layer.weak_pulses import (
+    BasesAt,
     Choices,
     Photons,
     WeakPulses,
     first_of_each,
-    weak_pulses,
+    laser_pulses,
 )
 from dispatcher.operations import emission
 from dispatcher.operations.adjustment import Tap
@@ -40,13 +43,10 @@ from dispatcher.operations.paths import Step, path_of
 from dispatcher.photon_random import PhotonRandom, PhotonsByKey, Source
 from dispatcher.refusal import exhausted
 from dispatcher.sabot.backend import Bytes
-from dispatcher.sabot.registers import Register
+from dispatcher.sabot.registers import Mask, Register
 from dispatcher.switch.optical_switch import Through
 from wire.config import FiberEnd
-from wire.keyed import identities
 from wire.parameters.physics import PairSource
-
-BasesAt = Callable[[Slots], Bytes]  # the bases of some pulses
 
 
 def is_weak(source: PairSource) -> bool:
@@ -57,11 +57,32 @@ def is_weak(source: PairSource) -> bool:
 def emitted(block: Block, source: PairSource, choices: Choices, draws: Source) -> WeakPulses:
     """Return the light of a laser in a new block."""
     random = PhotonRandom(draws, block.name, block.draws_for("source"), choices.count)
-    light = weak_pulses(source.intensities, choices, random)
+    light = laser_pulses(source.intensities, choices, random)
     light.jitter_ps = source.jitter_ps
     if source.preparation_error:
         light.of_pulses.append((random, partial(_misprepared, source)))
     return light
+
+
+def emitted_pairs(
+    layer: PhysicalLayer, blocks: Sequence[Block], source: PairSource, count: int
+) -> int:
+    """Let new blocks be the halves of what a source of pairs emits; return how many pairs."""
+    first = blocks[0]
+    random = PhotonRandom(layer.draws, first.name, first.draws_for("source"), count)
+    pairs = Pairs(count, source.mean_pairs, random)
+    for block, light in zip(blocks, weak_halves(pairs), strict=True):
+        light.jitter_ps, block.source_rate_hz = source.jitter_ps, source.max_rate_hz
+        if not light.half and source.bell_probabilities()[0] < 1:
+            light.of_photons.append((random, partial(_bell_states, source)))
+        layer.ownership.change(block, Register(0), light)
+    return int(pairs.cells.sum())
+
+
+def _bell_states(source: PairSource, random: PhotonRandom) -> Bytes:
+    states = bell_states(source, random)
+    assert states is not None
+    return states
 
 
 def _misprepared(source: PairSource, random: PhotonRandom) -> Bytes:
@@ -137,39 +158,71 @@ def draw(layer: PhysicalLayer, why: str, *blocks: Block) -> None:
     """Draw the photons of all pulses of blocks that are weak; refuse if there are too many."""
     for block in blocks:
         if block.weak is not None:
-            _draw(layer, block, block.weak)
+            for drawn in _draw(layer, block, block.weak):
+                layer.record(drawn.node, "draw", drawn, drawn.port, f"all pulses, for {why}")
             layer.drawn_for[why] = None
-            layer.record(block.node, "draw", block, block.port, f"all pulses, for {why}")
 
 
-def _draw(layer: PhysicalLayer, block: Block, light: WeakPulses) -> None:
+def _draw(layer: PhysicalLayer, block: Block, light: WeakPulses) -> list[Block]:
     require_capacity(layer, block)
-    photons = light.photons()
-    paulis, own = light.paulis(photons), first_of_each(photons.pulses)
-    register = emission.prepare(layer.sabot, light.choices.states(np.arange(light.count)))
-    present = np.zeros(light.count, bool)
-    present[photons.pulses[own]] = True
-    every = np.zeros(light.count, np.uint8)
-    every[photons.pulses[own]] = paulis[own]
+    halves, sabot = _together(layer, block), layer.sabot
+    if isinstance(light, WeakHalf) and len(halves) > 1:
+        came = light.pairs.below([half.transmission for _block, half in halves])
+        own = first_of_each(came[0].pulses)
+        registers = sabot.bell_pairs(light.count), sabot.bell_pairs(int((~own).sum()))
+        for each, photons, *made in zip(halves, came, *registers, strict=True):
+            _settle(layer, *each, photons, own, made)
+    else:
+        photons = light.photons()
+        own, states = first_of_each(photons.pulses), light.states(photons)
+        of_pulses = np.zeros(light.count, np.uint8)
+        of_pulses[photons.pulses[own]] = states[own]
+        made = [emission.prepare(sabot, each) for each in (of_pulses, states[~own])]
+        _settle(layer, block, light, photons, own, made)
+    return [each for each, _light in halves]
+
+
+def _together(layer: PhysicalLayer, block: Block) -> list[tuple[Block, WeakPulses]]:
+    """Return a weak block, with its other half if that is weak too, in their order."""
+    assert block.weak is not None
+    name, light = block.name._replace(half=1 - block.name.half), block.weak
+    found = [(block, light)]
+    if isinstance(light, WeakHalf):
+        for other in layer.ownership.parts(name):
+            if isinstance(other.weak, WeakHalf) and other.weak.pairs is light.pairs:
+                found.insert(light.half, (other, other.weak))
+    return found
+
+
+def _settle(
+    layer: PhysicalLayer,
+    block: Block,
+    light: WeakPulses,
+    photons: Photons,
+    own: Mask,
+    registers: Sequence[Register],
+) -> None:
+    """Let a block be these qubits, one for each pulse and further ones, as far as they came."""
+    there, paulis = photons.fates < light.thresholds(photons), light.paulis(photons)
+    present, every = np.zeros(light.count, bool), np.zeros(light.count, np.uint8)
+    present[photons.pulses[own]], every[photons.pulses[own]] = there[own], paulis[own]
+    register, further = registers
     layer.sabot.lose(register, ~present)
     layer.sabot.pauli(register, every)
     layer.ownership.change(block, register)
     block.pulses.delays_ps = light.delays_ps(np.arange(light.count))
-    if not own.all():
-        at = photons.pulses[~own]
-        block.extra_pairs = ExtraPairs(_made(layer, light, photons.chosen(~own), paulis[~own]), at)
+    if further.size:
+        layer.sabot.lose(further, ~there[~own])
+        layer.sabot.pauli(further, paulis[~own])
+        block.extra_pairs = ExtraPairs(further, photons.pulses[~own])
 
 
 def require_capacity(layer: PhysicalLayer, block: Block) -> None:
     """Refuse if the photons of weak pulses are too many to be drawn for all pulses."""
     if block.weak is not None:
-        _require_capacity(layer, block, block.weak.count + block.weak.most_photons(1.0))
-
-
-def _made(layer: PhysicalLayer, light: WeakPulses, photons: Photons, paulis: Bytes) -> Register:
-    register = emission.prepare(layer.sabot, light.choices.states(photons.pulses))
-    layer.sabot.pauli(register, paulis)
-    return register
+        lights = [light for _block, light in _together(layer, block)]
+        photons = sum(light.count + light.most_photons(1.0) for light in lights)
+        _require_capacity(layer, block, photons)
 
 
 def _require_capacity(layer: PhysicalLayer, block: Block, photons: float) -> None:
@@ -191,6 +244,8 @@ def detect(
     best = float(detectors.efficiencies.max())
     _require_capacity(layer, block, light.most_photons(best))
     photons = light.photons(best)
+    if isinstance(light, WeakHalf):
+        light.pairs.measured = bases
     random = PhotonRandom(layer.draws, block.name, block.draws_for("measure"), light.count)
     bits = _measured(layer, light, photons, random, bases)
     seen = photons.fates < detectors.efficiencies[bits] * light.thresholds(photons)
@@ -205,9 +260,10 @@ def _measured(
 ) -> Bytes:
     if not photons.pulses.size:
         return np.zeros(0, np.uint8)
-    register = _made(layer, light, photons, light.paulis(photons))
-    draws = light.draws(photons, random)
-    return layer.sabot.measure(register, bases(photons.pulses), draws)
+    values = bases(photons.pulses)
+    register = emission.prepare(layer.sabot, light.states(photons, values))
+    layer.sabot.pauli(register, light.paulis(photons))
+    return layer.sabot.measure(register, values, light.draws(photons, random))
 
 
 def _moved_ps(
@@ -220,5 +276,5 @@ def _moved_ps(
     jitter_ps = layer.devices.of(block.node).detectors.jitter_ps
     if not jitter_ps:
         return late
-    own = PhotonsByKey.of(random, identities(*photons)).normal("jitter") * jitter_ps
+    own = PhotonsByKey.of(random, photons.keys).normal("jitter") * jitter_ps
     return own if late is None else own + late

@@ -32,7 +32,7 @@ KEY = bytes(range(16))
 
 def every_photon(light: WeakPulses, _share: float = 1.0) -> Photons:
     """Return all photons that have left the source, whatever becomes of them."""
-    return light._below(1.0)
+    return light.below(1.0)
 
 
 def nothing_weak(_layer: PhysicalLayer, why: str, *blocks: Block) -> None:
