@@ -8,8 +8,10 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from evidence.attacks import bright_light, connections, floods, impostors, photons
+from qmn.network.time_scale import PACED
 from qmn.scripting import start
 from topologies.networks.network import Network
 
@@ -30,7 +32,8 @@ class Attack:
         with tempfile.TemporaryDirectory(prefix="qmn-attack-") as folder:
             policy = Path(folder) / "policy.toml"
             policy.write_text(self.policy(defended))
-            options = {self.defence: defended} if self.is_option else {}
+            options: dict[str, Any] = {self.defence: defended} if self.is_option else {}
+            options["time"] = PACED  # charlie's programs go by the wall
             name = f"{self.conduct.__name__}-{self.defence}-{'on' if defended else 'off'}"
             with start("sdc", Path(folder) / name, policy=str(policy), **options) as network:
                 return self.conduct(network, attempts), attempts
