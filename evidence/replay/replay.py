@@ -96,7 +96,9 @@ def replay(file: BinaryIO, event_log: TextIO, allow_code: bool = False) -> int:
     entries = dispatcher_record.read(file)
     config = _config(next(entries, None))
     named = {fiber.noise for fiber in config.fibers if fiber.noise}
-    named |= {noise for device in config.devices.values() for noise, _ in device.noises.values()}
+    parts = [each for switch in config.switches for each in switch.inner_devices.values()]
+    devices = *config.devices.values(), *parts
+    named |= {noise for device in devices for noise, _ in device.noises.values()}
     code = sorted(named)
     if code and not allow_code:
         raise NamesCode(f"it names code, which would be run: {', '.join(code)}")

@@ -152,8 +152,6 @@ class QuantumSwitch:
             raise BadParameter(
                 f"{self.name} rotates light, and its analysers do not know that: take rotation=0"
             )
-        if self.analyser_device.noises:
-            raise BadParameter(f"{self.name}: analysers have no noise models of one's own")
         if not self.analysers and self.analyser_device != Device():
             raise BadParameter(
                 f"{self.name}: analyser, detectors or gates without analysers have no effect; "

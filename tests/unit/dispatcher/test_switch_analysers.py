@@ -204,7 +204,5 @@ def test_light_that_does_not_fit_together_is_gone(
 def test_parts_without_analysers_have_no_effect_and_are_refused() -> None:
     with pytest.raises(BadParameter, match="without analysers have no effect; give analysers=1"):
         QuantumSwitch("q1", detectors=Detectors(efficiency=0.5)).check()
-    with pytest.raises(BadParameter, match="no noise models of one's own"):
-        QuantumSwitch("q1", analysers=1, detectors=Detectors(noise="mine.py:Mine")).check()
     with pytest.raises(BadParameter, match="q1 rotates light, and its analysers do not know"):
         QuantumSwitch("q1", analysers=1, rotation=2).check()
