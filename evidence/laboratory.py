@@ -8,7 +8,8 @@ Every request takes the way that a host's takes, checks included; only sockets a
 missing: the clock jumps to whatever is waited for.
 """
 
-from collections.abc import Mapping, Sequence
+import asyncio
+from collections.abc import AsyncIterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from dispatcher.timeouts import RECEIVE_TIMEOUT_S
 from wire import gaps
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import (
+    BellOutcomes,
     BlockId,
     Connection,
     CreateRequest,
@@ -85,6 +87,32 @@ class Laboratory:
         if self._errors:  # flights are tasks of their own
             raise self._errors[0]
         return feedback
+
+    async def heralded(
+        self, switch: str, ports: Mapping[str, str], count: int, number: int = 0, **more: Any
+    ) -> tuple[BellOutcomes, float]:
+        """Let hosts attempt, each by a port; return the station's report, and after how long (s).
+
+        `more` is of all their requests.
+        """
+        with self.table.reports.watching(switch) as reports:
+            for half, (host, port) in enumerate(ports.items()):
+                name = block_id((number, half))
+                request = self.request("attempt", block=name, port=port, count=count, **more)
+                await self.table.handle(host, "attempt", request)
+            began_ns, coming = self.clock.now_ns(), asyncio.ensure_future(self._herald(reports))
+            while not coming.done() and not self._errors:
+                await asyncio.sleep(0)
+            took_s = (self.clock.now_ns() - began_ns) / 1e9
+            await self.table.heralding.announced()
+        if self._errors:
+            coming.cancel()
+            raise self._errors[0]
+        return await coming, took_s
+
+    async def _herald(self, reports: AsyncIterator[BellOutcomes]) -> BellOutcomes:
+        report = await anext(reports)
+        return report if report.end != BellOutcomes.WAITS else await self._herald(reports)
 
     def request(self, operation: str, **fields: Any) -> Any:
         return self.table.rows[operation].message(**fields)
@@ -187,15 +215,6 @@ class LaboratoryHost:
     async def store(self, block: BlockKey, cutoff_s: float | None = None) -> Feedback:
         """Put a block into the host's memory, which drops qubits older than the cut-off."""
         return await self._act("store", block=block_id(block), cutoff_s=cutoff_s)
-
-    async def attempt(self, block: BlockKey, port: str, cutoff_s: float | None = None) -> Feedback:
-        return await self._act("attempt", block=block_id(block), port=port, cutoff_s=cutoff_s)
-
-    async def herald(
-        self, count: int, ports: tuple[str, str], timeout_s: float, number: int = 0, **more: float
-    ) -> Feedback:
-        wanted = {"session": SESSION, "number": number, "count": count, "ports": ports}
-        return await self._act("herald", **wanted, timeout_s=timeout_s, **more)
 
     async def sense(self, block: BlockKey) -> Feedback:
         """Let every photon of a block take the phase of the host's sensor."""

@@ -40,14 +40,13 @@ from hosts.serving.processing import (
 )
 from hosts.timeouts import ANSWER_TIMEOUT_S
 from wire.config import STANDING, HostConfig
-from wire.features import HERALD
 from wire.light import Role
 from wire.metadata.header import session_number
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Handshake, MemoryState, Reason, Service, Verdict
 from wire.optical import ANY_WAVELENGTH
 from wire.parameters.checks import remedy
-from wire.services import HERALDED_LIGHT, is_heralded
+from wire.services import is_heralded
 
 KINDS, NAMED = kinds(), named()  # once for all stacks that are forked
 log = logging.getLogger("stack")
@@ -113,27 +112,20 @@ class Stack:
         peer = self._peer(options.host)
         source, address = self._peer(self._source_of(options))
         is_source = source == self._config.name
-        require_source(kind.service, source, is_source, peer[0])
+        heralded = is_heralded(kind.service, self._resources.node_features.features, options.source)
+        if not heralded:
+            require_source(kind.service, source, is_source, peer[0])
         setup = Setup(
             session=self._new_session() if number is None else number,
             service=kind.service,
             source=address,
             wavelength_pm=ANY_WAVELENGTH,
+            memory=MemoryState.HERALDED if heralded else MemoryState.ANY,
             **options.asked(),
         )
-        setup = self._heralded(self.device.override(setup), source)
+        setup = self.device.override(setup)
         arrangement = Arrangement(setup, peer, source, self._light)
         return OpeningSession(kind, options, self._resources, arrangement, setup, is_source)
-
-    def _heralded(self, setup: Setup, source: str) -> Setup:
-        """Have pairs heralded where this host's memory emits and the source is a station."""
-        features = self._resources.node_features.features
-        emits, stands = HERALD in features, source in self._config.stations
-        if setup.service == Service.SWAP:
-            stands = is_heralded(features)
-        if emits and stands and setup.service in HERALDED_LIGHT:
-            return replace(setup, memory=MemoryState.HERALDED)
-        return setup
 
     def intercept(self, fields: dict[str, Any]) -> Interception:
         """Prepare an interception; raise SessionError for what cannot be asked."""

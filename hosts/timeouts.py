@@ -16,9 +16,8 @@ LINGER_S = 1.0  # for the other end to hear why a session cannot go on, and to c
 # Light
 MAX_BLOCK_S = 5.0  # that a block may last, from its first photon to its last
 LIGHT_TIMEOUT_S = 2 * (ANSWER_TIMEOUT_S + MAX_BLOCK_S)  # of two blocks that take turns at a source
-HERALD_S = 60.0  # that a station attempts, until the first pair of a block
 WHOLE_HZ = 1  # of a block of which nobody wants a part: it may last for its pairs at this rate
-HERALD_TIMEOUT_S = ANSWER_TIMEOUT_S + HERALD_S  # until it has heralded a block
+HERALD_TIMEOUT_S = ANSWER_TIMEOUT_S + 60.0  # until a station has heralded a block
 DOUBT_S = 0.3  # light that has not come so long after it is due is asked after at its source
 GRACE_S = (
     0.3  # from the source's word that it has left until the QNIC is asked whether the light is lost

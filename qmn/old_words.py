@@ -53,12 +53,28 @@ def translated(words: Sequence[str]) -> list[str]:
         today = _with_parameters(today)
     if today[:2] == ["run", "swap"] or today[:3] == ["lab", "sweep", "swap"]:
         today = [_of_switches(word) for word in today]
+    if today[:2] == ["run", "distribute"]:
+        today = _with_stations(today)
     if today != [*words]:
         print(
             f"note: these words are old; the new ones: {shlex.join(['qmn', *today])}",
             file=sys.stderr,
         )
     return today
+
+
+def _with_stations(words: Sequence[str]) -> list[str]:
+    """Have stations in all switches in place of a host that was one."""
+    kept: list[str] = []
+    for word in words:
+        stands = word.endswith("=station")
+        if stands and kept[-1] == "--node":
+            kept[-1:] = ["--switch", "parts=station"]
+        elif stands and word.startswith("--node="):
+            kept.append("--switch=parts=station")
+        else:
+            kept.append(word)
+    return kept
 
 
 def _of_switches(word: str) -> str:

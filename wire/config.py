@@ -144,8 +144,6 @@ class HostConfig(Config):
     qnic_parameters: dict[str, Any] = field(default_factory=dict)  # keywords of that class
     features: int = Device().features.value  # what its device can do (wire.features.Feature)
     memory_qubits: int = Device().memory.capacity
-    # Hosts that herald pairs of memories that emit, and make none of their own.
-    stations: list[str] = field(default_factory=list)
     light: str = CONTROLLER  # who grants it
     multi_photon: float = 0.0  # how likely a pulse of its source has several photons
     intensities: list[float] = field(default_factory=lambda: [1.0])  # means: signal, then decoys

@@ -31,7 +31,7 @@ class Making(Enum):
 
     SOURCE = "source"  # a third host, which sends a half of each to either end
     OPENER = "opener"  # which keeps a half of each
-    STATION = "station"  # a third host, which heralds pairs of qubits that emit at either end
+    STATION = "station"  # of a quantum switch: it heralds pairs of qubits that emit at either end
 
 
 REGISTERED = {Service(each.number): each for each in registered_services()}
@@ -68,16 +68,8 @@ OWN_LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
     {Service.DISTRIBUTE: TO_NEXT}
     | {service: each.own_light for service, each in REGISTERED.items() if each.own_light}
 )
-# Where memories emit and a station heralds, in place of a source.
-HERALDED_LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
-    {
-        Service.DISTRIBUTE: (
-            Beam(FiberOf(OPENER, 0), FiberOf(SOURCE, 0)),
-            Beam(FiberOf(ACCEPTOR, 0), FiberOf(SOURCE, 1)),
-        ),
-        Service.SWAP: (),  # stations in switches
-    }
-)
+# Whose pairs stations in switches herald, if memories emit.
+HERALDED = frozenset({Service.DISTRIBUTE, Service.SWAP})
 # Hosts report further needs of a session: MEASURE to estimate, GATE to purify.
 NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
     {
@@ -88,15 +80,8 @@ NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
         **{service: each.needs for service, each in REGISTERED.items()},
     }
 )
-HERALDED_NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
-    {
-        Service.DISTRIBUTE: {
-            SOURCE: INTERFERE,
-            OPENER: HERALD | STORE,
-            ACCEPTOR: HERALD | STORE,
-        },
-        Service.SWAP: {OPENER: HERALD | STORE, ACCEPTOR: HERALD | STORE},
-    }
+HERALDED_NEEDS: Mapping[Role, Feature] = MappingProxyType(
+    {OPENER: HERALD | STORE, ACCEPTOR: HERALD | STORE}
 )
 
 # Why a session is refused for want of a feature.
@@ -113,14 +98,21 @@ WANT_OF: Mapping[Feature, Reason] = MappingProxyType(
 )
 
 
-def is_heralded(features: Feature) -> bool:
-    """Tell whether pairs of a host by way of switches are heralded: it has no other light."""
-    return HERALD in features and EMIT not in features
+def is_heralded(service: Service, features: Feature, source: str = "") -> bool:
+    """Tell whether pairs of a host are heralded: it has no other light, and names no source."""
+    emits = HERALD in features and EMIT not in features
+    return emits and service in HERALDED and not source
+
+
+def switches_used(setup: Setup) -> int:
+    """Return how many switches the controller has measure for a session."""
+    if setup.service == Service.SWAP:
+        return setup.block
+    return int(setup.memory == MemoryState.HERALDED)
 
 
 def memory_of(service: Service) -> tuple[MemoryState, ...]:
-    heralded = service in HERALDED_LIGHT
-    return (MemoryState.ANY, MemoryState.HERALDED) if heralded else (MemoryState.ANY,)
+    return (MemoryState.ANY, MemoryState.HERALDED)[: 1 + (service in HERALDED)]
 
 
 def making(setup: Setup, opener: str) -> Making:
@@ -131,9 +123,9 @@ def making(setup: Setup, opener: str) -> Making:
 
 
 def beams(service: Service, by: Making = Making.SOURCE) -> tuple[Beam, ...]:
-    """Return the light of a service; KeyError for one that a station cannot make pairs for."""
+    """Return the light of a service, but for that which goes to switches alone."""
     if by == Making.STATION:
-        return HERALDED_LIGHT[service]
+        return ()
     return OWN_LIGHT.get(service, LIGHT[service]) if by == Making.OPENER else LIGHT[service]
 
 
@@ -144,13 +136,13 @@ def is_relayed(service: Service) -> bool:
 
 def uses_source(service: Service, by: Making = Making.SOURCE) -> bool:
     own = by == Making.OPENER and service in OWN_LIGHT
-    return SOURCE in NEEDS.get(service, {}) and not own
+    return SOURCE in NEEDS.get(service, {}) and not own and by != Making.STATION
 
 
 @cache
 def needs(service: Service, role: Role, by: Making = Making.SOURCE) -> Feature:
-    table = HERALDED_NEEDS if by == Making.STATION else NEEDS
-    needed = table.get(service, {}).get(role, NOTHING)
+    table = HERALDED_NEEDS if by == Making.STATION else NEEDS.get(service, {})
+    needed = table.get(role, NOTHING)
     keeps_its_own = by == Making.OPENER and role == OPENER
     return needed & ~ABSORB if keeps_its_own else needed
 

@@ -21,7 +21,15 @@ from wire.light import Role
 from wire.metadata.setup import OBSTACLE_BYTES, Setup
 from wire.metadata.vocabulary import Handshake, MemoryState, Reason, Service
 from wire.optical import ANY_WAVELENGTH, DEFAULT_FREQUENCY_MHZ, frequency_mhz, wavelength_pm
-from wire.services import RETURNS, Making, beams, fibers_needed, making, memory_of
+from wire.services import (
+    RETURNS,
+    Making,
+    beams,
+    fibers_needed,
+    making,
+    memory_of,
+    switches_used,
+)
 
 
 @dataclass(frozen=True)
@@ -174,7 +182,7 @@ class Search(NamedTuple):
         legs = self._legs(limits)
         if isinstance(legs, Admission):
             return legs
-        if setup.service == Service.SWAP and setup.block:
+        if switches_used(setup):
             return self._in_switches(limits)
         if setup.handshake == Handshake.PER_PAIR:  # light comes with each pair
             limits = limits._replace(blocked=Limits().blocked)
@@ -188,7 +196,7 @@ class Search(NamedTuple):
 
     def _in_switches(self, limits: Limits) -> Admission:
         """Return the light of as many switches that swap as are wanted, or why there are not."""
-        network, count = self.network, self.setup.block
+        network, count = self.network, switches_used(self.setup)
         ends = (self.hosts[role] for role in (Role.OPENER, Role.ACCEPTOR))
         start, end = (network.channel_ports_of(each, limits.frequency_mhz) for each in ends)
         leg = Leg(start[0], end[0])

@@ -29,7 +29,7 @@ from wire.metadata.setup import SETUP_LENGTH, Setup
 from wire.metadata.vocabulary import Handshake, Reason, Service, Verdict
 from wire.optical import ANY_WAVELENGTH
 from wire.outcomes import Pauli
-from wire.services import LIGHT
+from wire.services import LIGHT, switches_used
 
 MAX_KEPT_REQUESTS = 8  # of one session; it needs two
 SESSION = struct.Struct("!dBH")
@@ -127,8 +127,7 @@ def _path(reader: "_Reader") -> LightPath:
 
 def _check_owner(session: Session) -> None:
     setup = session.setup
-    in_switches = setup.service == Service.SWAP and setup.block > 0
-    has_light = in_switches or bool(LIGHT.get(Service(setup.service)))
+    has_light = switches_used(setup) > 0 or bool(LIGHT.get(Service(setup.service)))
     lit = setup.handshake == Handshake.FRAMED and has_light
     is_owner = setup.handshake in (Handshake.FRAMED, Handshake.PER_PAIR)
     if setup.service not in LIGHT or not is_owner or lit != bool(session.paths):

@@ -17,7 +17,10 @@ They attempt when the opener's qubits do, by one input of the first station.
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import reduce
 from itertools import islice, pairwise
+from operator import xor
 from typing import NamedTuple
 
 from controller_apps.light.optics import SwitchPort
@@ -84,6 +87,8 @@ def swapping(
     Of heralded links every second switch swaps, and those between are stations.
     """
     able = list(islice(_able(network, path, limits, None if heralded else count > 1), count))
+    if heralded and count == 1:
+        able = _halfway(network, path, limits)
     if len(able) < count or (heralded and count % 2 == 0):
         parts_wanted = "a free analyser and memories"
         if heralded:
@@ -96,11 +101,17 @@ def swapping(
     if budget_mdb is not None and most_mdb > budget_mdb:
         text = f"a link of the chain loses {most_mdb / 1000:g} dB, "
         return text + f"more than the loss budget of {budget_mdb / 1000:g} dB"
-    paths = tuple((_heralded_light if heralded else _light)(path, able))
+    lit = (_heralded_light if heralded else _light)(path, able)
+    paths = tuple(replace(each, rotation=_rotation(network, each.hops)) for each in lit)
     hops = [hop for each in paths for hop in each.hops]
     if any(map(limits.blocked, directions(hops))):
         return "others have light on the way"
     return paths
+
+
+def _rotation(network: Network, hops: Sequence[Hop]) -> int:
+    passed = (network.optics.path(*hop) for hop in hops)
+    return reduce(xor, (each.rotation for each in passed if each is not None), 0)
 
 
 def _able(
@@ -115,6 +126,12 @@ def _able(
         if (bool(parts.emitters) == emits) if stores is None else (parts.memories or not stores):
             emits = not emits
             yield place, parts
+
+
+def _halfway(network: Network, path: LightPath, limits: Limits) -> list[tuple[int, Parts]]:
+    """Return the station along a path whose farther arm loses least, if there is one."""
+    able = [each for each in _able(network, path, limits, False) if not each[1].emitters]
+    return sorted(able, key=lambda each: _most_loss_mdb(network, path, [each]))[:1]
 
 
 def most_pairs(

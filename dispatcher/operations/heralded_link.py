@@ -1,4 +1,4 @@
-"""Two hosts whose qubits attempt to emit, and the station between them: how often, how well."""
+"""Two nodes whose qubits attempt to emit, and the station between them: how often, how well."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -18,14 +18,16 @@ from dispatcher.approximations import (
 )
 from dispatcher.devices.heralding import Arm, Heralds, single_click, two_click
 from dispatcher.devices.overlap import Overlap, Spectrum, overlap
+from dispatcher.layer.ownership import BlockName
 from dispatcher.operations.station_path import StationWay
 from wire.config import FiberEnd
 from wire.parameters.physics import Device, Emitter
 
 
 class Offer(NamedTuple):
-    """A host whose qubits attempt to emit into a port, for one half of a block."""
+    """A node whose qubits attempt to emit into a port, for one half of a block."""
 
+    name: BlockName
     end: FiberEnd
     frequency_mhz: int
     cutoff_s: float  # of the memory: what is older is dropped

@@ -1,4 +1,4 @@
-"""Heralded pairs: the attempts of two hosts' qubits, and what a station between them tells.
+"""Heralded pairs: the attempts of two nodes' qubits, and what a station between them tells.
 
     alice   prepare, emit ---.                         .--- heard: the next attempt
                               \\                       /
@@ -28,14 +28,11 @@ from dispatcher.operations.heralded_link import Link, Offer
 from dispatcher.operations.heralds import Drawing, Heralded
 from dispatcher.operations.station_path import StationWay, find_path
 from dispatcher.refusal import Refusal, exhausted, invalid, precondition
-from dispatcher.sabot.limits import require_count
-from dispatcher.timeouts import MAX_HERALD_S
-from wire.dispatcher_pb2 import AttemptRequest, Feedback, HeraldRequest
-from wire.features import HERALD, INTERFERE
+from wire.dispatcher_pb2 import AttemptRequest, BellOutcomes
+from wire.features import HERALD
 from wire.optical import DEFAULT_FREQUENCY_MHZ
 from wire.outcomes import BELL_STATES
 
-MAX_OFFERS = 10_000
 NEVER_NS = 1 << 63  # so far no clock gets
 # The state of each half without entanglement, by kind; shape (kinds, 2).
 BITS = np.array([[0, 0] if kind == ENTANGLED else [*map(int, kind)] for kind in KINDS], np.uint8)
@@ -56,7 +53,6 @@ class Heralding:
         Call `came` with a block that its node has heard of.
         """
         self._layer, self._failed, self._came = layer, failed, came
-        self._offers: dict[tuple[BlockName, str], Offer] = {}  # by the node, too, that attempts
         self._news: set[asyncio.Task[None]] = set()  # on its way to hosts
 
     async def announced(self) -> None:
@@ -64,8 +60,8 @@ class Heralding:
         while self._news:
             await asyncio.wait(self._news)
 
-    def attempt(self, node: str, request: AttemptRequest) -> Feedback:
-        """Let qubits of a node attempt to emit into one of its ports."""
+    def offer(self, node: str, request: AttemptRequest) -> Offer:
+        """Return the attempt of a node's qubits to emit into one of its ports."""
         layer, name, port = self._layer, block_name(request.block), request.port
         frequency_mhz = request.frequency_mhz or DEFAULT_FREQUENCY_MHZ
         cutoff_s = cutoff.requested(request)
@@ -78,109 +74,53 @@ class Heralding:
         if any(layer.ownership.taken(name._replace(half=half), node) for half in HALVES):
             message = f"{name} exists; take another number"
             raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)
-        if len(self._offers) >= MAX_OFFERS:
-            raise exhausted(f"{MAX_OFFERS} blocks are attempted at once; discard some sessions")
-        self._offers[name, node] = Offer(end, frequency_mhz, cutoff_s)
         layer.record(node, "attempt", port=port, detail=str(name))
-        return Feedback(time_ns=layer.clock.now_ns())
-
-    def forget(self, node: str, session: int) -> None:
-        for name, host in list(self._offers):
-            if name.session == session and host == node:
-                del self._offers[name, host]
-
-    async def herald(self, node: str, request: HeraldRequest) -> Feedback:
-        """Herald pairs of two nodes that attempt; return when all, or the time, have come.
-
-        A refusal because of another node comes when news can be here from the farthest node.
-        """
-        layer = self._layer
-        hardware.require(layer.devices, node, INTERFERE)
-        require_count(request.count)
-        limit_s = limits.timeout(request.timeout_s, MAX_HERALD_S)
-        first_s = limits.timeout(request.first_timeout_s or limit_s, MAX_HERALD_S)
-        names = [BlockName(request.session, request.number, half) for half in HALVES]
-        try:
-            return await self.between(node, names, request.ports, request.count, (limit_s, first_s))
-        except Refusal:
-            news_ns = layer.clock.now_ns() + layer.news.farthest_ns(node)
-            await layer.clock.wait_until(news_ns)
-            raise
+        return Offer(name, end, frequency_mhz, cutoff_s)
 
     async def between(
         self,
         node: str,
-        names: Sequence[BlockName],
+        offers: Offers,
         ports: Sequence[str],
         count: int,
         limits_s: tuple[float, float],
-    ) -> Feedback:
-        """Herald pairs of two blocks whose light comes to these ports of a station.
+    ) -> BellOutcomes:
+        """Herald pairs of two nodes that attempt, whose light comes to these ports of a station.
 
         The limits are of a block, and of its first pair. Raise Refusal before any attempt.
         """
         layer = self._layer
-        offers, paths = self._offered(node, names, ports)
-        link = self._link(node, offers, paths)
+        one, other = (self._path(node, *each) for each in zip(offers, ports, strict=True))
+        link = self._link(node, offers, (one, other))
         self._require_capacity(offers, count)
-        for name, offer in zip(names, offers, strict=True):
-            del self._offers[name, offer.end.node]
         rounds, first = (max(round(each_s * 1e9) // link.period_ns, 1) for each_s in limits_s)
-        drawing = Drawing(layer, node, link, names)
+        drawing = Drawing(layer, node, link, [offer.name for offer in offers])
         heralded, used = await drawing.draw(count, rounds, first)
         block = None
         if heralded.count:
-            block = self._keep(node, link, names, offers, heralded)
+            block = self._keep(node, link, offers, heralded)
         else:
-            self._keep_none(node, link, names, offers)
+            self._keep_none(node, link, offers)
         detail = (
             f"{tally(heralded.bell_states, BELL_STATES)} of {used * link.modes} attempts".strip()
         )
         detail += f", dropped={drawing.dropped}" if drawing.dropped else ""
         layer.record(node, "herald", block, detail=detail)
-        return self._feedback(link, heralded, used)
-
-    def _feedback(self, link: Link, heralded: Heralded, rounds: int) -> Feedback:
-        layer, now_ns = self._layer, self._layer.clock.now_ns()
         layer.approximations |= heralded.approximations
-        return Feedback(
-            time_ns=now_ns,
+        return BellOutcomes(
+            end=BellOutcomes.HERALDED,
             photons=heralded.count,
-            first_ns=link.start_ns,
-            last_ns=now_ns,
             outcomes=heralded.bell_states.tobytes(),
-            backend=layer.sabot.backend,
-            exact=not heralded.approximations,
-            attempts=rounds * link.modes,
+            attempts=used * link.modes,
         )
 
-    def _offered(
-        self, node: str, names: Sequence[BlockName], ports: Sequence[str]
-    ) -> tuple[Offers, Paths]:
-        """Return who attempts for two halves, and the ways of their light to a node's ports."""
-        if len(ports) != len(HALVES) or ports[0] == ports[1]:
-            raise invalid(f"ports {list(ports)}; name two, for the light of halves 0 and 1")
-        one, other = (self._offer(node, *each) for each in zip(names, ports, strict=True))
-        return (one[0], other[0]), (one[1], other[1])
-
-    def _offer(self, node: str, name: BlockName, port: str) -> tuple[Offer, StationWay]:
-        """Return an offer whose light comes to a port; others may have taken its name, too."""
-        layer, refused = self._layer, list[Refusal]()
-        for (attempted, host), offer in self._offers.items():
-            if attempted != name:
-                continue
-            try:
-                path = find_path(layer, offer.end, offer.frequency_mhz)
-            except Refusal as error:
-                refused.append(error)
-                continue
-            if path.end == layer.network.require_port(node, port):
-                return offer, path
-            text = f"light of {host} comes to {path.end.port} of {path.end.node}, not to {port} of "
-            refused.append(precondition(f"{text}{node}: open its path to there first"))
-        if refused:
-            raise refused[0]
-        raise precondition(f"no node attempts for {name}: let it begin before Herald")
+    def _path(self, node: str, offer: Offer, port: str) -> StationWay:
+        """Return the way of the light of who attempts; refuse one that ends elsewhere by now."""
+        path = find_path(self._layer, offer.end, offer.frequency_mhz)
+        if (path.end.node, path.end.port) != (node, port):
+            text = f"light of {offer.end.node} comes to {path.end.port} of {path.end.node}, not to "
+            raise precondition(f"{text}{port} of {node}: open its path to there first")
+        return path
 
     def _link(self, node: str, offers: Offers, paths: Paths) -> Link:
         """Return the link between two nodes that attempt; refuse what cannot be heralded."""
@@ -222,7 +162,6 @@ class Heralding:
         self,
         node: str,
         link: Link,
-        names: Sequence[BlockName],
         offers: Offers,
         heralded: Heralded,
     ) -> Block:
@@ -230,12 +169,13 @@ class Heralding:
         layer = self._layer
         lineages = {
             numbers: layer.ownership.used_names.use(*numbers)
-            for numbers in dict.fromkeys(name[:2] for name in names)
+            for numbers in dict.fromkeys(offer.name[:2] for offer in offers)
         }
         blocks = []
         registers = layer.sabot.bell_pairs(heralded.count)
-        for half, (name, register, offer) in enumerate(zip(names, registers, offers, strict=True)):
-            came_ns, place = link.emitted_ns(half, heralded.rounds), offer.end.node
+        for half, (register, offer) in enumerate(zip(registers, offers, strict=True)):
+            name, place = offer.name, offer.end.node
+            came_ns = link.emitted_ns(half, heralded.rounds)
             block = Block(name, register, place, came_ns=came_ns, lineage=lineages[name[:2]])
             if memory := layer.network.memories.get(place):
                 block.port, block.pulses.frequency_mhz = memory.ports[0], offer.frequency_mhz
@@ -247,14 +187,14 @@ class Heralding:
             self._hold(node, block, offer, path)
         return blocks[0]
 
-    def _keep_none(self, node: str, link: Link, names: Sequence[BlockName], offers: Offers) -> None:
+    def _keep_none(self, node: str, link: Link, offers: Offers) -> None:
         """Let memories of switches hold blocks without a pulse, which are swapped in their turn."""
         layer, now_ns = self._layer, self._layer.clock.now_ns()
-        for name, offer, path in zip(names, offers, link.paths, strict=True):
+        for offer, path in zip(offers, link.paths, strict=True):
             if memory := layer.network.memories.get(offer.end.node):
                 at = offer.end.node, memory.ports[0], now_ns, now_ns
-                block = Block(name, layer.sabot.zeros(1), *at, start_ns=now_ns)
-                block.lineage = layer.ownership.used_names.use(*name[:2])
+                block = Block(offer.name, layer.sabot.zeros(1), *at, start_ns=now_ns)
+                block.lineage = layer.ownership.used_names.use(*offer.name[:2])
                 layer.sabot.lose(block.register, np.ones(1, bool))
                 self._hold(node, block, offer, path)
 

@@ -78,7 +78,6 @@ class RequestTable:
             "gather": Row(messages.GatherRequest, Gathering(layer).gather),
             "resend": Row(messages.ResendRequest, self._timed(resending.resend)),
             "attempt": Row(messages.AttemptRequest, self.stations.attempt),
-            "herald": Row(messages.HeraldRequest, self.heralding.herald),
             "split": Row(messages.SplitRequest, Splitting(layer).split),
             "tell": Row(messages.TellRequest, self._on_layer(tell)),
             "sense": Row(messages.SenseRequest, self._on_layer(sense)),

@@ -14,14 +14,15 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from dispatcher.devices import hardware
-from dispatcher.layer.layer import PhysicalLayer, block_name
-from dispatcher.layer.ownership import BlockName
+from dispatcher.layer.layer import PhysicalLayer
+from dispatcher.operations import limits
 from dispatcher.operations.analysers import Reports, Tasks
+from dispatcher.operations.heralded_link import Offer
 from dispatcher.operations.heralding import Heralding
 from dispatcher.operations.station_path import find_path
-from dispatcher.refusal import Refusal, not_found, precondition
+from dispatcher.refusal import Refusal, exhausted, not_found, precondition
 from dispatcher.sabot.limits import require_count
-from dispatcher.timeouts import ANALYSER_WAIT_S, FIRST_HERALD_S, HERALD_BLOCK_S
+from dispatcher.timeouts import ANALYSER_WAIT_S, FIRST_HERALD_S, HERALD_BLOCK_S, MAX_HERALD_S
 from wire.config import FiberEnd
 from wire.dispatcher_pb2 import (
     AttemptRequest,
@@ -34,14 +35,16 @@ from wire.features import INTERFERE
 from wire.optical import DEFAULT_FREQUENCY_MHZ
 from wire.parameters.switch import Kind
 
+MAX_WAITING = 10_000
+
 
 @dataclass(eq=False)
 class Attempts:
     """A memory that attempts to emit to one input of a station."""
 
-    node: str
-    name: BlockName
+    offer: Offer
     count: int  # pairs wanted
+    limit_s: float  # that the station attempts
     limit: asyncio.Task[None] | None = None
 
 
@@ -57,19 +60,20 @@ class Stations:
         self._busy: dict[str, asyncio.Task[None]] = {}  # by the station's node
 
     async def attempt(self, node: str, request: AttemptRequest) -> Feedback:
-        """Let qubits of a node attempt; for a station in a switch if it says for how many pairs."""
-        if not request.count:
-            return self._heralding.attempt(node, request)
+        """Let qubits of a node attempt to emit to a station."""
         layer = self._layer
         require_count(request.count)
+        limit_s = limits.timeout(request.timeout_s or HERALD_BLOCK_S, MAX_HERALD_S)
         try:
             end = self._station(node, request)
         except Refusal:
             await layer.clock.wait_until(layer.clock.now_ns() + layer.news.farthest_ns(node))
             raise
-        feedback = self._heralding.attempt(node, request)
-        self._add(end, Attempts(node, block_name(request.block), request.count))
-        return feedback
+        if sum(map(len, self._waiting.values())) >= MAX_WAITING:
+            raise exhausted(f"{MAX_WAITING} blocks are attempted at once; discard some sessions")
+        offer = self._heralding.offer(node, request)
+        self._add(end, Attempts(offer, request.count, limit_s))
+        return Feedback(time_ns=layer.clock.now_ns())
 
     async def emit(self, request: EmitRequest) -> None:
         """Let qubits in the memory of a switch attempt."""
@@ -97,10 +101,9 @@ class Stations:
 
     def forget(self, node: str, session: int) -> None:
         """Forget what a node attempts in a session that it discards."""
-        self._heralding.forget(node, session)
         for queue in self._waiting.values():
             for each in list(queue):
-                if (each.node, each.name.session) == (node, session):
+                if (each.offer.end.node, each.offer.name.session) == (node, session):
                     self._take(queue, each)
 
     def close(self, switch: str, connected: set[int]) -> None:
@@ -171,7 +174,6 @@ class Stations:
 
     def _end_alone(self, node: str, port: str, attempts: Attempts, end: "BellOutcomes.End") -> None:
         self._take(self._waiting[node, port], attempts)
-        self._heralding.forget(attempts.node, attempts.name.session)
         self._report(node, end, attempts.count)
 
     def _report(self, node: str, end: "BellOutcomes.End", count: int) -> None:
@@ -179,23 +181,15 @@ class Stations:
 
     async def _herald(self, node: str, pair: list[Attempts]) -> None:
         """Herald pairs of two memories, and report them; then go on with the next."""
-        names, count = [each.name for each in pair], min(each.count for each in pair)
+        offers, count = (pair[0].offer, pair[1].offer), min(each.count for each in pair)
         ports = self._layer.network.analysers[node].ports
         try:
-            limits_s = HERALD_BLOCK_S, FIRST_HERALD_S
-            found = await self._heralding.between(node, names, ports, count, limits_s)
+            limits_s = max(each.limit_s for each in pair), FIRST_HERALD_S
+            report = await self._heralding.between(node, offers, ports, count, limits_s)
         except Refusal as refusal:
             self._layer.record(node, "refuse", detail=str(refusal))
-            for each in pair:
-                self._heralding.forget(each.node, each.name.session)
             self._report(node, BellOutcomes.UNFIT, count)
         else:
-            report = BellOutcomes(
-                end=BellOutcomes.HERALDED,
-                photons=found.photons,
-                outcomes=found.outcomes,
-                attempts=found.attempts,
-            )
             self._reports.add(node, report)
         del self._busy[node]
         self._meet(node)

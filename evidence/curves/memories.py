@@ -1,6 +1,7 @@
 """Pairs in memories: stored until all have come or are handed over, heralded, dropped when old."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -9,18 +10,20 @@ import numpy as np
 from evidence.curves import theory
 from evidence.curves.estimates import Estimate, proportion
 from evidence.curves.experiment import Outcome
-from evidence.curves.link import TESTED, Ends, fiber, measured, network
+from evidence.curves.link import TESTED, Ends, configuration, fiber, measured, network
 from evidence.curves.parameters import Point
-from evidence.laboratory import RATE_HZ, Laboratory, outcomes
+from evidence.laboratory import RATE_HZ, Laboratory
 from hosts.middleware.services.distribution.fidelity import Estimate as Sampled
 from hosts.middleware.session.values import Lifetimes
-from wire.dispatcher_pb2 import Feedback, MeasureRequest
+from wire.dispatcher_pb2 import BellOutcomes, MeasureRequest
+from wire.parameters.fiber import Fiber, FiberEnd, optics
 from wire.parameters.physics import BellAnalyser, Device, Emitter, Memory, PairSource
+from wire.parameters.switch import FIRST_INNER_PORT, QuantumSwitch
 
 STORED_PAIRS = 1_000  # in a block
 SAMPLED_PAIRS = 3_000  # in 3 us: the first has not waited for the last
 AGREEMENTS = {"xx": MeasureRequest.X, "zz": MeasureRequest.Z}
-WAYS = {"alice": ("alice-q0", "charlie-q0"), "bob": ("bob-q0", "charlie-q1")}
+PORTS = {"alice": "alice-q0", "bob": "bob-q0"}
 MAX_S = 60.0
 ROUNDS = 1_000  # of attempts that all pairs take, about: modes are as many as that needs
 MAX_MODES = 1_000_000
@@ -141,13 +144,13 @@ async def heralding(v: Point, seed: int) -> Outcome:
         v.bright_state,
         modes=min(max(int(count / chance / ROUNDS), 1), MAX_MODES),
     )
-    optics = {"length_km": v.arm_km, "loss_db_per_km": v.loss_db_per_km}
-    analyser = BellAnalyser("linear", visibility=v.visibility)
-    laboratory = station(seed, optics, Device(emitter=emitter), analyser)
-    found, ends = await heralded(laboratory, count, 0)
-    heralds = outcomes(found)
+    way = {"length_km": v.arm_km, "loss_db_per_km": v.loss_db_per_km}
+    at_q1 = Device(analyser=BellAnalyser("linear", visibility=v.visibility))
+    laboratory = await station(seed, way, Device(emitter=emitter), at_q1)
+    found, took_s, ends = await heralded(laboratory, count, 0)
+    heralds = np.frombuffer(found.outcomes, np.uint8)
     each = proportion(heralds.size, found.attempts)
-    per_s = found.attempts / emitter.modes / ((found.last_ns - found.first_ns) / 1e9)
+    per_s = found.attempts / emitter.modes / took_s
     rate = Estimate(each.value * per_s, each.error * per_s)
     bases = (np.arange(heralds.size) % 3).astype(np.uint8)
     mine, yours = await measured(ends, bases=bases)
@@ -158,18 +161,30 @@ async def heralding(v: Point, seed: int) -> Outcome:
     return {"rate": rate, "fidelity": Estimate(value, _spread(*shares))}
 
 
-def station(seed: int, optics: dict[str, Any], host: Device, analyser: BellAnalyser) -> Laboratory:
-    fibers = [fiber(*way, **optics) for way in WAYS.values()]
-    return network(seed, fibers, alice=host, bob=host, charlie=Device(analyser=analyser))
+async def station(seed: int, values: dict[str, Any], host: Device, station: Device) -> Laboratory:
+    """Return a network of alice, bob, and a switch between them with such a station."""
+    way = optics("a fibre", **values)
+    inputs = {number: FIRST_INNER_PORT + number - 1 for number in range(1, 1 + len(PORTS))}
+    fibers = [
+        Fiber.joining(FiberEnd(name, port), FiberEnd("q1", str(number)), way)
+        for number, (name, port) in zip(inputs, PORTS.items(), strict=True)
+    ]
+    analyser, detectors = station.analyser, station.detectors
+    q1 = QuantumSwitch("q1", analysers=1, analyser=analyser, detectors=detectors)
+    config = configuration(seed, fibers, dict.fromkeys(PORTS, host))
+    laboratory = Laboratory(replace(config, switches=[q1]))
+    await laboratory.connect("q1", inputs)
+    await laboratory.wait(q1.switching_time_s)
+    return laboratory
 
 
-async def heralded(laboratory: Laboratory, count: int, block: int) -> tuple[Feedback, Ends]:
-    """Herald pairs of alice and bob, who emit until there are as many."""
-    ends = [(laboratory.host(name), (block, half)) for half, name in enumerate(WAYS)]
-    for host, key in ends:
-        await host.attempt(key, WAYS[host.name][0])
-    (_, one), (_, other) = WAYS.values()
-    return await laboratory.host("charlie").herald(count, (one, other), MAX_S, block), ends
+async def heralded(
+    laboratory: Laboratory, count: int, block: int
+) -> tuple[BellOutcomes, float, Ends]:
+    """Herald pairs of alice and bob, who emit until there are as many; also return how long."""
+    found, took_s = await laboratory.heralded("q1", PORTS, count, block, timeout_s=MAX_S)
+    ends = [(laboratory.host(name), (block, half)) for half, name in enumerate(PORTS)]
+    return found, took_s, ends
 
 
 def _heralds(v: Point) -> tuple[float, float]:
@@ -183,7 +198,7 @@ def _heralds(v: Point) -> tuple[float, float]:
 def of_heralding(v: Point) -> Theory:
     """Return the rate p c / 2L of one mode, L the way to the station, and the fidelity."""
     chance, fidelity = _heralds(v)
-    delay_s = fiber(*WAYS["alice"], length_km=v.arm_km).delay_s
+    delay_s = optics("a fibre", length_km=v.arm_km).delay_s
     return {"rate": chance / (2 * delay_s), "fidelity": fidelity}
 
 
@@ -194,13 +209,15 @@ async def cutoff(v: Point, seed: int) -> Outcome:
     """
     emitter = Emitter("two-click", v.efficiency, preparation_s=ATTEMPT_S)
     host = Device(memory=Memory(t2_s=v.t2_s, cutoff_s=v.cutoff_s), emitter=emitter)
-    laboratory = station(seed, {"length_km": ATTEMPT_KM}, host, BellAnalyser("linear"))
+    laboratory = await station(
+        seed, {"length_km": ATTEMPT_KM}, host, Device(analyser=BellAnalyser("linear"))
+    )
     attempts, right = [], 0
     for block in range(int(v.pairs) // BOTH):
-        found, ends = await heralded(laboratory, BOTH, block)
+        found, _took_s, ends = await heralded(laboratory, BOTH, block)
         attempts.append(found.attempts)
         mine, yours = await measured(ends, MeasureRequest.X)
-        right += int((mine[0] ^ yours[0]) == (outcomes(found)[0] == PSI_MINUS))
+        right += int((mine[0] ^ yours[0]) == (found.outcomes[0] == PSI_MINUS))
     mean = float(np.mean(attempts))
     error = float(np.std(attempts, ddof=1)) / math.sqrt(len(attempts))
     rate = 1 / (mean * _attempt_s())
@@ -220,7 +237,7 @@ def of_cutoff(v: Point) -> Theory:
 
 
 def _flight_s() -> float:
-    return fiber(*WAYS["alice"], length_km=ATTEMPT_KM).delay_s
+    return optics("a fibre", length_km=ATTEMPT_KM).delay_s
 
 
 def _attempt_s() -> float:

@@ -62,8 +62,7 @@ def checked(
 
     Raise BadInput or BadTopology before anything is started.
     """
-    if swaps := Service[request.service.upper()] == Service.SWAP:
-        request = replace(request, network=with_parts(request.network))
+    request = replace(request, network=with_parts(request.service, request.network))
     network = describe_network(request.network)
     check_network(request.network)
     check_ranges(request.run)
@@ -77,7 +76,7 @@ def checked(
     except BadTraffic as error:
         raise BadInput(str(error)) from error
     wanted = wanted_of(request, network.hosts)
-    if swaps:
+    if Service[request.service.upper()] == Service.SWAP:
         wanted = replace(wanted, swaps=dict(swaps_of(traffic, planned, network.parts)))
     felt = felt_by_any(request, traffic, network)
     network = checked_settings(request.service, felt, network)

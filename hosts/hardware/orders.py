@@ -2,7 +2,7 @@
 
 import asyncio
 from collections import deque
-from collections.abc import AsyncIterator, Collection, Sequence
+from collections.abc import AsyncIterator, Collection
 from itertools import count
 from math import inf
 from typing import NamedTuple
@@ -135,7 +135,7 @@ class Orders:
         """Wait for the outcome of an order that was sent; if nobody waits any more, cancel it."""
         loop = asyncio.get_running_loop()
         answer: asyncio.Future[Outcome] = loop.create_future()
-        self._waiting[number] = Waiting(answer, loop.time() + _limit_s(steps), steps)
+        self._waiting[number] = Waiting(answer, loop.time() + DISPATCHER_TIMEOUT_S, steps)
         if self._watch is None:  # one timer for all costs each of them less
             self._watch = loop.call_later(DISPATCHER_TIMEOUT_S, self._look)
         try:
@@ -173,12 +173,12 @@ class Orders:
         """Give up what has waited for too long, and look again when the next has."""
         loop, self._watch = asyncio.get_running_loop(), None
         next_s = inf
-        for number, (answer, until_s, steps) in self._waiting.items():
+        for number, (answer, until_s, _steps) in self._waiting.items():
             if until_s > loop.time():
                 next_s = min(next_s, until_s)
             elif not answer.done():
                 self._cancel(number)
-                text = f"dispatcher: no answer in {_limit_s(steps):g} s"
+                text = f"dispatcher: no answer in {DISPATCHER_TIMEOUT_S:g} s"
                 answer.set_exception(HardwareError(text))
         if next_s < inf:
             self._watch = loop.call_at(next_s, self._look)
@@ -243,11 +243,6 @@ class Orders:
         while True:
             order = await orders.get()
             yield order
-
-
-def _limit_s(steps: Sequence[Step]) -> float:
-    heralds = (max(step.herald.timeout_s, step.herald.first_timeout_s) for step in steps)
-    return DISPATCHER_TIMEOUT_S + sum(heralds)
 
 
 async def proved(stub: DispatcherStub, token: str, method: str) -> tuple[tuple[str, str], ...]:

@@ -17,21 +17,18 @@ from hosts.hardware import steps
 from hosts.hardware.operations import BlockName
 from hosts.hardware.replies import (
     Coincidences,
-    Heralds,
     NoLight,
     NotHere,
     Stored,
     Symbols,
     coincidences_of,
     stored_of,
-    symbols_of,
 )
 from wire.dispatcher_pb2 import (
     AttemptRequest,
     CreateRequest,
     DiscardRequest,
     Feedback,
-    HeraldRequest,
     Step,
 )
 from wire.optical import frequency_mhz
@@ -148,12 +145,12 @@ class PairLight(Primitives):
         return stored_of(stored.arrived, sent)
 
     async def attempt(
-        self, block: BlockName, port: str, wavelength_pm: int, count: int = 0
+        self, block: BlockName, port: str, wavelength_pm: int, count: int, timeout_s: float
     ) -> None:
-        """Let qubits of the memory attempt to emit into a port, as half of a block to be heralded.
+        """Let qubits of the memory attempt to emit into a port, as half of `count` pairs.
 
-        The block is in the memory when the station has reported it. `count` is of pairs, of a
-        station in a quantum switch.
+        The block is in the memory when the station has reported it: when it has as many, or its
+        time is over, which is the longer one of both ends'.
         """
         attempt = AttemptRequest(
             block=steps.block_id(block),
@@ -161,32 +158,9 @@ class PairLight(Primitives):
             frequency_mhz=frequency_mhz(wavelength_pm),
             cutoff_s=self.cutoff_s,
             count=count,
+            timeout_s=timeout_s,
         )
         await self.perform(Step(attempt=attempt))
-
-    async def herald(
-        self,
-        session: int,
-        number: int,
-        count: int,
-        ports: tuple[str, str],
-        timeout_s: float,
-        first_timeout_s: float,
-    ) -> Heralds:
-        """Herald at most count pairs of qubits whose light comes to two ports, in this time.
-
-        If none comes in it, one, up to the first pair's time.
-        """
-        request = HeraldRequest(
-            session=session,
-            number=number,
-            count=count,
-            ports=ports,
-            timeout_s=timeout_s,
-            first_timeout_s=first_timeout_s,
-        )
-        (feedback,) = await self.perform(Step(herald=request))
-        return Heralds(symbols_of(feedback), feedback.attempts)
 
     async def modulate(
         self,

@@ -61,14 +61,6 @@ class Stored:
 
 
 @dataclass(frozen=True)
-class Heralds:
-    """A station's report of a block of attempts."""
-
-    states: Symbols  # shape (n,): the Bell state of each pair, 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi-
-    attempts: int  # those of all modes
-
-
-@dataclass(frozen=True)
 class Received:
     """Received light: places for photons, and when the first and last of them came."""
 

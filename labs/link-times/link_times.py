@@ -14,9 +14,9 @@ GIVEN = TOLD["quisp"]  # to SeQUeNCe, too
 LINKS = {(km, program): modes for program in PROGRAMS for km, modes in ((1, 1), (10, 10), (25, 20))}
 PARTS = "source.statistics=none emitter.scheme=two-click emitter.efficiency={emitted}"
 RUN = (
-    "run distribute --node charlie=station --count 900 --sample 0.1 --captures none"
+    "run distribute --switch q1.parts=station --count 900 --sample 0.1 --captures none"
     " --without report,record --loss-db-per-km {db_per_km}"
-    " --device charlie.detectors.efficiency={detected}"
+    " --switch q1.detectors.efficiency={detected}"
 )
 
 
@@ -30,12 +30,12 @@ def mean_s(km: float, program: str) -> tuple[float, float]:
 
 
 def said(km: int, program: str) -> str:
-    """Return what is said behind `qmn` for a link, whose light passes two fibres to the station."""
+    """Return what is said behind `qmn` for a link, with the station in the switch halfway."""
     modes = LINKS[km, program]
     before = f"emitter.preparation_s={mean_s(km, program)[0]:.9g}"
     words = f"{PARTS} emitter.modes={modes} {before}".split()
     parts = "".join(f" --device {host}.{word}" for host in ("alice", "bob") for word in words)
-    return (RUN + parts).format(**GIVEN) + f" --length-km {km / 2:g}"
+    return (RUN + parts).format(**GIVEN) + f" --length-km {km}"
 
 
 def measured(pairs: int, attempts: int, took_s: float) -> list[tuple[float, float]]:

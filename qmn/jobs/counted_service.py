@@ -169,8 +169,7 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     """
     if request.eve is not None:
         request = replace(request, network=eavesdropping.with_eve(request.network))
-    if isinstance(request.options, SwapOptions):
-        request = replace(request, network=with_parts(request.network))
+    request = replace(request, network=with_parts(request.service, request.network))
     request, network, felt = fitted(request, describe_network(request.network))
     return request, checked_settings(request.service, felt, network)
 
@@ -218,18 +217,21 @@ def fitted(
     return replace(request, options=options), network, felt
 
 
-def with_parts(network: NetworkOptions) -> NetworkOptions:
+def with_parts(service: str, network: NetworkOptions) -> NetworkOptions:
     """Return the options with parts in all switches of a topology of ours, if they name none.
 
-    Of hosts whose memories emit every second one is as they are, and those between are stations.
+    Of hosts whose memories emit every second one is as they are, and those between are stations;
+    where no switch swaps, all are.
     """
-    words = PARTS
+    asked = Service[service.upper()]
     named = any("analysers=" in word or "parts=" in word for word in network.switch)
     if named or is_custom(network.topology):
         return network
-    if (kind := kind_of_all(network.node)) and is_heralded(node_device(kind, Device()).features):
+    words = PARTS if asked == Service.SWAP else ()
+    kind = kind_of_all(network.node)
+    if kind and is_heralded(asked, node_device(kind, Device()).features):
         names = describe_network(replace(network, switch=())).parts.switches
-        kinds = cycle(("station", kind))
+        kinds = cycle(("station", kind if asked == Service.SWAP else "station"))
         words = tuple(f"{name}.parts={each}" for name, each in zip(names, kinds, strict=False))
     return replace(network, switch=(*words, *network.switch))
 
@@ -240,7 +242,8 @@ def with_swaps(options: SwapOptions, sender: str, parts: Description) -> SwapOpt
     most = sum(each.analysers > 0 for each in parts.switches.values())
     if options.swaps > most:
         raise BadInput(f"--swaps {options.swaps}: {most} switches can swap; choose at most {most}")
-    if is_heralded(parts.hosts[sender].features) and options.swaps and options.swaps % 2 == 0:
+    heralded = is_heralded(Service.SWAP, parts.hosts[sender].features)
+    if heralded and options.swaps and options.swaps % 2 == 0:
         text = "a heralded chain begins and ends with a station: choose an odd number"
         raise BadInput(f"--swaps {options.swaps}: {text}")
     return replace(options, swaps=options.swaps or able)
@@ -254,7 +257,7 @@ def swaps_from(sender: str, receivers: Iterable[str], parts: Description) -> dic
     analysers, found = analysers_from(sender, parts), dict[str, int]()
     for host in receivers:
         able = int(analysers.get(host, 0))
-        if is_heralded(parts.hosts[sender].features):
+        if is_heralded(Service.SWAP, parts.hosts[sender].features):
             able = max(0, able - 1 + able % 2)  # a chain begins and ends with a station
         if not able:
             raise BadInput(

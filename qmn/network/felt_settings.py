@@ -113,7 +113,7 @@ def felt_by(
     found = Felt()
     for opener, acceptor in pairwise(hosts):
         maker = source or parts.source_for(opener)
-        by = making(asked, opener, maker, parts)
+        by = making(asked, opener, source, parts)
         roles = {Role.OPENER: opener, Role.ACCEPTOR: acceptor}
         if uses_source(asked, by) or by == Making.OPENER:
             roles[Role.SOURCE] = maker
@@ -122,8 +122,9 @@ def felt_by(
         for start, end in beams(asked, by) if sends_light else ():
             light = HostBeams(frozenset({roles[start.role]}), frozenset({roles[end.role]}))
             found |= Felt({}, frozenset({light}))
-    if asked == Service.SWAP:  # its ends send light to switches between them
-        found |= Felt({}, frozenset({HostBeams(frozenset(hosts), frozenset(hosts))}))
+        if asked == Service.SWAP or by == Making.STATION:  # light goes to switches between them
+            ends = frozenset({opener, acceptor})
+            found |= Felt({}, frozenset({HostBeams(ends, ends)}))
     if not sends_light:
         found = replace(
             found, devices={host: felt - PAIRS | STATES for host, felt in found.devices.items()}

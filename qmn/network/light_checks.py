@@ -14,11 +14,9 @@ from dispatcher.fiber import fiber_noise
 from programs.shortest_paths import Distances, shortest
 from qmn.options import BadInput
 from topologies.description.description import Description
-from wire.features import HERALD
 from wire.light import Role
 from wire.metadata.vocabulary import Service
 from wire.services import (
-    HERALDED_LIGHT,
     REGISTERED,
     Making,
     beams,
@@ -40,7 +38,7 @@ def check_light(
     asked = Service[service.upper()]
     for opener, acceptor in pairwise(hosts):
         maker = source or parts.source_for(opener)
-        by = making(asked, opener, maker, parts)
+        by = making(asked, opener, source, parts)
         ends = {Role.OPENER: opener, Role.ACCEPTOR: acceptor}
         if uses_source(asked, by):
             _refuse_source(service, ends.values(), maker, named)
@@ -49,6 +47,11 @@ def check_light(
             _refuse_too_few(service, host, fibers_needed(asked, role, by), parts)
         for start, end in beams(asked, by):
             _refuse_dark(service, ends[start.role], ends[end.role], parts)
+        if by == Making.STATION and not analysers_from(opener, parts).get(acceptor):
+            raise BadInput(
+                f"{service}: {opener} has a memory that emits, and no quantum switch on the way to "
+                f"{acceptor} has a station: give one to a switch (--switch q1.parts=station)"
+            )
 
 
 def check_source(service: str, parts: Description) -> None:
@@ -58,15 +61,13 @@ def check_source(service: str, parts: Description) -> None:
 
 
 def making(service: Service, opener: str, source: str, parts: Description) -> Making:
-    """Return who makes the pairs of a session, as its opener's stack chooses."""
-    if service == Service.SWAP and is_heralded(parts.hosts[opener].features):
+    """Return who makes the pairs of a session, as its opener's stack chooses.
+
+    `source` does if a user names it.
+    """
+    if is_heralded(service, parts.hosts[opener].features, source):
         return Making.STATION
-    if opener == source:
-        return Making.OPENER
-    station = source in parts.hosts and parts.hosts[source].is_station
-    if station and service in HERALDED_LIGHT and HERALD in parts.hosts[opener].features:
-        return Making.STATION
-    return Making.SOURCE
+    return Making.OPENER if opener == (source or parts.source_for(opener)) else Making.SOURCE
 
 
 def _refuse_source(service: str, ends: Collection[str], source: str, named: bool) -> None:

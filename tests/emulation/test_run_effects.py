@@ -8,7 +8,7 @@ from pathlib import Path
 from re import search
 
 import pytest
-from test_run_heralded import emitters
+from test_run_heralded import STATION, emitters
 from test_run_nodes import log_of, polarised, require_estimate, result_of, run
 from test_run_qkd import run_qkd
 
@@ -165,12 +165,12 @@ def test_single_clicks_herald_pairs_as_good_as_qubits_are_dark(
     Fibres that scramble polarisation keep 2/3 of their coherence: the mean of its amplitude.
     """
     bright, efficiency = 0.1, 0.05
-    words = ["distribute", "--node", "charlie=station", *emitters("alice", "bob")]
+    words = ["distribute", *STATION, *emitters("alice", "bob")]
     for host in ("alice", "bob"):
         told = {"scheme": "single-click", "bright_state": bright, "efficiency": efficiency}
         told["fidelity"] = 1
         words += devices(**{f"{host}__emitter__{name}": value for name, value in told.items()})
-    words += [*devices(charlie__detectors__dark_count_hz=0), "--loss-db-per-km", "0"]
+    words += ["--loss-db-per-km", "0"]
     words += ["--switch", "insertion_loss_db=0", "--count", "400", "--sample", "0.5"]
     words += SCRAMBLED if scrambled else ["--length-km", "1"]
     asking = result_of(tmp_path, *words)["job"]["asking"]
@@ -181,7 +181,7 @@ def test_single_clicks_herald_pairs_as_good_as_qubits_are_dark(
 @pytest.mark.nightly
 def test_a_request_for_12_pairs_makes_those_and_a_sample(tmp_path: Path) -> None:
     """A memory takes 32: 20 of them are sampled, and for 10 more 1.05 x 10 + 1 are made, 11.5."""
-    words = ["distribute", "--node", "ion-trap", "--node", "charlie=station", "--count", "12"]
+    words = ["distribute", "--node", "ion-trap", "--count", "12"]
     words += ["--length-km", "0.01", "--loss-db-per-km", "0"]
     asking = result_of(tmp_path, *words)["job"]["asking"]
     assert (asking["pairs"], asking["emitted"], asking["sampled"]) == (12, 44, 30)

@@ -94,6 +94,7 @@ def test_an_ion_trap_makes_no_pairs_at_will(tmp_path: Path) -> None:
 def test_spins_that_emit_take_in_no_light_of_another_source(tmp_path: Path) -> None:
     """Each of ten photons of a source was kept by a spin in diamond, as if it were absorbed."""
     words = ["--node", "nv-centre", "--node", "charlie=photonic", "--count", "10", "--sample", "0"]
+    words += ["--source", "charlie"]
     done = run(tmp_path, "distribute", *words)
     assert done.returncode == 1
     assert "distribute: alice has a memory that emits, and takes in no light" in done.stderr
@@ -105,8 +106,8 @@ def test_spins_that_emit_take_in_no_light_of_another_source(tmp_path: Path) -> N
 def test_heralds_for_ion_traps_come_the_slower_the_longer_the_fibres(tmp_path: Path) -> None:
     """Two clicks: an attempt is heralded with eta^2 / 2, and takes a round trip to the station."""
     length_km, count = 100.0, 4
-    words = ["--node", "ion-trap", "--node", "charlie=station", "--time", "paced"]
-    words += ["--length-km", str(length_km / 2), "--loss-db-per-km", "0", "--sample", "0"]
+    words = ["--node", "ion-trap", "--time", "paced"]
+    words += ["--length-km", str(length_km), "--loss-db-per-km", "0", "--sample", "0"]
     words += ["--switch", "insertion_loss_db=0", "--count", str(count)]
     alice = result_of(tmp_path, "distribute", *words)["job"]["asking"]
     chance = ION_TRAP.emitter.efficiency**2 / 2

@@ -27,7 +27,7 @@ JOBS = (
     "qkd --protocol bb84",
     "ghz",
     "keys --seconds 30 --session-bits 10000 --high-mark 32",
-    "distribute --node nv-centre --node charlie=station --count 8 --sample 0 --length-km 0.01",
+    "distribute --node nv-centre --count 8 --sample 0 --length-km 0.01",
 )
 NAMES_OF_FOLDERS = ("captures", "timeline")
 TELEPORT = (

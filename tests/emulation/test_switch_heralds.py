@@ -4,7 +4,7 @@ from math import sqrt
 from pathlib import Path
 
 import pytest
-from test_run_heralded import FIDELITY, KM, M_PER_S, OF_A_LINK, emitters
+from test_run_heralded import FIDELITY, M_PER_S, OF_A_LINK, emitters
 from test_run_nodes import polarised, require_estimate, result_of, run
 from test_run_purified_chain import connected, purified
 
@@ -24,18 +24,6 @@ def switches(count: int) -> list[str]:
             parts |= {f"emitter.{name}": value for name, value in EMITTER.items()}
         said += [word for name in parts for word in ("--switch", f"q{number}.{name}={parts[name]}")]
     return [*said, "--topology", f"chain,{count}", "--count", "400", "--sample", "0.5"]
-
-
-def test_a_station_in_a_switch_heralds_at_the_rate_of_round_trips(tmp_path: Path) -> None:
-    words = [*switches(1), "--length-km", str(KM), "--loss-db-per-km", "0.02"]
-    asking = result_of(tmp_path, "swap", *words)["job"]["asking"]
-    efficiency = 0.5 * 10 ** (-KM * 0.02 / 10)
-    p = efficiency**2 / 2
-    expected = p * asking["attempts"]
-    assert abs(asking["emitted"] - expected) < 5 * sqrt(expected) + 20 * p
-    least_s = asking["attempts"] / 20 * 2 * KM * 1e3 / M_PER_S
-    assert asking["elapsed_s"] > 0.99 * least_s  # and beside it messages and programs
-    require_estimate(asking, OF_A_LINK, 0.0)
 
 
 @pytest.mark.parametrize("count", [3, pytest.param(9, marks=pytest.mark.nightly)])

@@ -204,7 +204,7 @@ CARRIERS = {
     "applications/sealing/seal.py",
     "applications/sensing/ends.py",
     "applications/teleportation/teleport.py",
-    f"{SERVICES}/distribution/distribute.py",
+    f"{SERVICES}/distribution/delivery.py",
     f"{SERVICES}/superdense/superdense.py",
 }
 # What an end of a session says and makes of what it hears; others carry it.

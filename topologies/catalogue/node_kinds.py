@@ -2,7 +2,7 @@
 
 Values that no paper states are in docs/nodes.md ("Estimates").
 
-qmn run distribute --node ion-trap --node charlie=station --count 20
+qmn run distribute --node ion-trap --count 20
 sudo PYTHONPATH=. mn --custom topologies/chain.py --topo chain,node=ion-trap
 
 The controller does not know them: it goes by the features that follow from a device
@@ -99,8 +99,9 @@ ATOMIC_ENSEMBLE = Device(
     ),
 )
 
-# A station that heralds: nothing but an analyser of linear optics, with detectors as good as those
-# of superconducting nanowires. Its imperfections are in the click figures of the emitters above.
+# A station that heralds, as a part of a switch: nothing but an analyser of linear optics, with
+# detectors as good as those of superconducting nanowires. Its imperfections are in the click
+# figures of the emitters above.
 STATION = Device(
     source=PairSource("none"),
     memory=Memory(capacity=0),
@@ -135,7 +136,7 @@ OWN = {
         lambda _base: ATOMIC_ENSEMBLE,
     ),
     "station": NodeKind(
-        "detectors behind a beam splitter, which herald pairs of memories that emit",
+        "detectors behind a beam splitter: of a switch it heralds pairs of memories that emit",
         lambda _base: STATION,
     ),
 }

@@ -133,7 +133,6 @@ class QuantumHost(ClassicalHost):
             qnic=self.qnic,
             qnic_parameters=self.qnic_parameters,
             features=device.features.value,
-            stations=[name for name, each in network.devices.items() if each.is_station],
             memory_qubits=device.memory.capacity,
             multi_photon=device.source.multi_photon,
             intensities=list(device.source.intensities),

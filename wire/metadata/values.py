@@ -48,9 +48,6 @@ class Topic(IntEnum):
     EDGES = 25
     KEPT = 14  # the opener holds the key of this number (block) in its store; no values
     PURIFY = 32  # protocol (1 BBPSSW, 2 DEJMPS) and seed of the twirl, of a round of a block
-    # Of a station, or passed on by the opener: the Bell state of each heralded pair, as 0 Phi+,
-    # 1 Psi+, 2 Phi-, 3 Psi-.
-    HERALDED = 34
     DELIVER = 33  # a number of pairs, which are numbered from then on; answered
     SWAPPED = 36  # by which analysers, and their numbers of the block
 

@@ -49,7 +49,7 @@ class MemoryState(IntEnum):
     """The memories' part at both ends, as a set-up requests it."""
 
     ANY = 0  # keep what comes
-    HERALDED = 1  # their qubits emit, and the source is a station that heralds pairs of them
+    HERALDED = 1  # their qubits emit, and stations in switches herald pairs of them
     # To the source alone: it makes no pairs, but measures the light that both ends send.
     RELAYED = 2
 

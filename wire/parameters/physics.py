@@ -382,11 +382,6 @@ class Device:
         }
 
     @property
-    def is_station(self) -> bool:
-        """Return whether the host heralds pairs of memories that emit, and makes none itself."""
-        return INTERFERE in self.features and EMIT not in self.features
-
-    @property
     def node_features(self) -> NodeFeatures:
         return NodeFeatures(self.features, self.memory.capacity)
 

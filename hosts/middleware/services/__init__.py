@@ -6,8 +6,7 @@ from functools import cache
 from importlib.metadata import EntryPoint
 from types import MappingProxyType
 
-from hosts.middleware.services import swapping
-from hosts.middleware.services.distribution import distribute
+from hosts.middleware.services import distribute, swapping
 from hosts.middleware.services.superdense import superdense
 from hosts.middleware.session.ends import ServiceKind
 from wire.light import GROUP, registered_services

@@ -1,8 +1,7 @@
 """The protocol of a pair source: it makes Bell pairs and sends both halves into its fibres.
 
-Or of a station, where memories at both ends emit: it heralds pairs of their qubits. Or of a relay,
-to which both ends send light: it measures that in pairs, and announces what it finds. No socket, no
-clock.
+Or of a relay, to which both ends send light: it measures that in pairs, and announces what it
+finds. No socket, no clock.
 """
 
 from collections.abc import Callable, Coroutine
@@ -25,8 +24,8 @@ from hosts.middleware.session.protocol import (
     do,
     require_size,
 )
-from hosts.middleware.session.values import announcement, words_of
-from hosts.timeouts import HERALD_S, KEY_GRACE_S, LIGHT_TIMEOUT_S, MAX_BLOCK_S
+from hosts.middleware.session.values import announcement
+from hosts.timeouts import KEY_GRACE_S, LIGHT_TIMEOUT_S
 from wire.metadata.blocks import Emission, Emit, Emitted
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import MemoryState, Reason
@@ -68,9 +67,6 @@ def make_pairs(
                 if begun % MOST_BEGUN == 0:  # further orders wait
                     yield from do(Qnic.finish, setup.session)
                 continue
-            if setup.memory == MemoryState.HERALDED:
-                made((yield from _herald(side, request)))
-                continue
             if setup.memory == MemoryState.RELAYED:
                 yield from _announce(side, request, distinguishable_states)
                 continue
@@ -88,16 +84,6 @@ def _check(setup: Setup, request: Emit) -> None:
     if not 0 < request.rate_hz <= setup.rate_hz:
         text = f"{request.rate_hz} pairs a second: {setup.rate_hz} at most were granted"
         raise SessionError(Reason.NOT_ALLOWED, text)
-
-
-def _herald(side: Side, request: Emit) -> Steps[int]:
-    """Herald a block, and tell of it by a packet; return how many pairs."""
-    block = request.session, request.block, request.pairs
-    first, second = side.ports[:2]
-    limit_s = max(MAX_BLOCK_S, request.pairs / request.rate_hz)
-    heralds = yield from do(Qnic.herald, *block, (first, second), limit_s, HERALD_S)
-    yield Say(words_of(request.session, request.block, heralds))
-    return heralds.states.size
 
 
 def _announce(side: Side, request: Emit, known: frozenset[int]) -> Steps[None]:

@@ -17,13 +17,14 @@ under way. The pairs are then used as in entanglement distribution.
 from collections import defaultdict, deque
 from dataclasses import dataclass, replace
 from functools import partial
+from math import inf
 from typing import Any
 
 import numpy as np
 
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic
-from hosts.middleware.services.distribution.distribute import make_pairs, share_pairs
+from hosts.middleware.services.distribution.delivery import make_pairs, share_pairs
 from hosts.middleware.services.distribution.pairs import Mask, Moments, Pairs
 from hosts.middleware.services.distribution.purification import (
     DistributeOptions,
@@ -47,12 +48,13 @@ from hosts.middleware.session.protocol import (
     hear,
     own_pairs,
 )
-from hosts.timeouts import HERALD_TIMEOUT_S
+from hosts.timeouts import HERALD_TIMEOUT_S, WHOLE_HZ
 from wire.analyser_frames import MAX_UNDER_WAY, PHOTONS, THIRD, AnalyserFrame, Receivers
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import MemoryState, Reason, Service
 from wire.outcomes import NO_COINCIDENCE
 from wire.parameters.option import option
+from wire.services import switches_used
 
 LARGEST = (1 << 32) - 1
 MOST_SWITCHES = 64
@@ -76,9 +78,12 @@ class SwapOptions(DistributeOptions):
 class Blocks:
     """How one end has blocks swapped: several under way, their light one after the other."""
 
-    def __init__(self, side: HostSide, frames: AnalyserSocket, half: int) -> None:
-        """Half 0 is kept by the opener, 1 by the acceptor."""
-        self._side, self._frames, self._half = side, frames, half
+    def __init__(
+        self, side: HostSide, frames: AnalyserSocket, half: int, whole: bool = False
+    ) -> None:
+        """Half 0 is kept by the opener, 1 by the acceptor; `whole`: nobody wants a part of one."""
+        self._side, self._frames, self._half, self._whole = side, frames, half, whole
+        self._switches = switches_used(side.setup)
         self._dark: deque[int] = deque()  # blocks whose light is to be made, in order
         self._lit = 0  # blocks whose light was made
         self.under_way: set[int] = set()
@@ -118,7 +123,8 @@ class Blocks:
         name = side.block(number, half=1)
         yield from take(name, {self._kept(number): swapped.positions})
         if kept.size:
-            operators = np.where(kept, swapped.outcomes, 0).astype(np.uint8)
+            turned = swapped.outcomes ^ side.setup.rotation
+            operators = np.where(kept, turned, 0).astype(np.uint8)
             corrected_ns = yield from do(Qnic.apply, name, operators)
             self._note_waits(pairs, swapped, int(np.count_nonzero(kept)), corrected_ns - since_ns)
             kept &= yield from store(name)
@@ -141,7 +147,7 @@ class Blocks:
 
         Also return since when (ns) the halves that stay wait, on average.
         """
-        side, switches = self._side, self._side.setup.block
+        side, switches = self._side, self._switches
         self._dark.append(number)
         yield WaitUntil(lambda: self._dark[0] == number)
         if not switches:  # whose frames are to everybody
@@ -168,12 +174,13 @@ class Blocks:
 
     def _heralded(self, number: int, size: int) -> Steps[tuple[Swapped, Mask, int]]:
         """Let qubits attempt to emit to a station in a switch; return the same."""
-        setup, name, since_ns = self._side.setup, self._kept(number), 0
-        yield from do(Qnic.attempt, name, self._side.ports[0], setup.wavelength_pm, size)
+        name, since_ns, long_s = self._kept(number), 0, size / WHOLE_HZ
+        wavelength_pm, most_s = self._side.setup.wavelength_pm, long_s if self._whole else 0.0
+        yield from do(Qnic.attempt, name, self._side.ports[0], wavelength_pm, size, most_s)
         self._lit += 1
-        if setup.block:
+        if self._switches:
             yield Concurrently(self._purify(name, self._lit))
-        next_of = size, max(1, setup.block), HERALD_TIMEOUT_S, self._lit
+        next_of = size, max(1, self._switches), HERALD_TIMEOUT_S + long_s, self._lit
         swapped: Swapped = yield Wait(partial(self._frames.next, *next_of))
         if swapped.outcomes.size:
             since_ns = yield from stored_since(name)
@@ -200,13 +207,15 @@ class Blocks:
         return self._side.block(2 * number + self._half)
 
 
-async def swap(end: OpenerEnd, options: SwapOptions) -> Answerer:
+async def swap(end: OpenerEnd, options: DistributeOptions) -> Answerer:
     """Do what the opener does; return what answers its application."""
+    judged = options.fidelity or options.sample or options.rounds
+    whole = not judged and end.side.lifetimes.cutoff_s == inf and switches_used(end.setup) == 1
     with analyser_socket(end.setup.session, Receivers.OPENER) as frames:
         end.channel.sort()
         heralded = end.setup.memory == MemoryState.HERALDED
         most = MAX_UNDER_WAY if end.setup.block and not heralded else 1
-        return await make_pairs(end, options, Blocks(end.side, frames, 0).make, most)
+        return await make_pairs(end, options, Blocks(end.side, frames, 0, whole).make, most)
 
 
 async def receive(end: AcceptorEnd) -> Answerer:

@@ -7,21 +7,19 @@ from dataclasses import dataclass, replace
 from random import Random
 from typing import Any
 
-from hosts.hardware.replies import HardwareError, Heralds, Symbols
+from hosts.hardware.replies import HardwareError, Symbols
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.offers import at_wavelength
-from hosts.middleware.session.values import announced, heralds_of
+from hosts.middleware.session.values import announced
 from hosts.network_loop import now_s, retry_pause
 from hosts.timeouts import (
     ANSWER_TIMEOUT_S,
     DISCOVERY_TIMEOUT_S,
     DOUBT_S,
     FREEING_TIMEOUT_S,
-    HERALD_TIMEOUT_S,
     LONGEST_RETRY_PAUSE_S,
     RETRY_PAUSE_S,
-    WHOLE_HZ,
 )
 from wire.metadata.blocks import Emission, Emit, Emitted
 from wire.metadata.setup import Answer, Setup
@@ -150,20 +148,6 @@ class Arrangement:
         assert self._pairs is not None
         async with self._source_turn:  # its answers carry no number
             await self._pairs.request(question, timeout_s)
-
-    async def herald(self, block: int, pairs: int, whole: bool) -> Heralds:
-        """Have the station herald pairs of a block; return what it tells when its time is over.
-
-        It has a second for each pair if nobody wants a part of the block.
-        """
-        assert self._pairs is not None
-        session, rate_hz = self._setup.session, WHOLE_HZ if whole else self._setup.rate_hz
-        async with self._source_turn:  # its answers carry no number
-            emit = Emit(session, block, pairs, rate_hz)
-            await self._pairs.request(emit, HERALD_TIMEOUT_S + pairs / rate_hz)
-            counts = await self._pairs.receive(Values, ANSWER_TIMEOUT_S)
-            reply = await self._pairs.receive(Values, ANSWER_TIMEOUT_S)
-            return heralds_of(counts, reply, block, pairs)
 
     async def announce(self, block: int, pulses: int) -> Symbols:
         """Have the relay tell the Bell state of each pair of pulses; NO_COINCIDENCE for none."""

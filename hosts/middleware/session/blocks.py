@@ -8,16 +8,11 @@ from numpy.typing import NDArray
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Positions, Qnic
 from hosts.hardware.replies import Symbols
-from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.protocol import Say, Side, Steps, do, hear
-from hosts.timeouts import HERALD_TIMEOUT_S, WHOLE_HZ
-from wire.metadata.values import Topic
-from wire.metadata.vocabulary import Reason
+from hosts.middleware.session.protocol import Steps, do
 
 Mask = NDArray[np.bool_]  # shape (k,)
 
 LOST = 3  # instead of an outcome, where there was none; it fits into two bits
-MAX_STATE = 3
 
 # Numbers of blocks that are beside those of light, each for one use at a time.
 RESERVED = 0xFFFF_FF00
@@ -91,30 +86,3 @@ def correct_rotation(name: BlockName, arrived: NDArray[np.bool_], rotation: int)
         return arrived
     yield from do(Qnic.apply, name, np.full(arrived.size, rotation, dtype=np.uint8))
     return (yield from store(name))
-
-
-def correct_heralded(
-    side: Side, name: BlockName, size: int, port: str, ready: Say
-) -> Steps[tuple[Mask, int]]:
-    """Do what the end does that does not ask the station, for a block that was announced.
-
-    It attempts, says that it is ready, hears what was heralded, and makes Phi+ of that behind the
-    paths. Return which of the heralded pairs are kept, as the other end learns, and the mean time
-    (ns) from which they wait.
-    """
-    number = name.number
-    yield from do(Qnic.attempt, name, port, side.setup.wavelength_pm)
-    yield ready
-    limit_s = HERALD_TIMEOUT_S + size / WHOLE_HZ
-    states = yield from hear(Topic.HERALDED, number, None, MAX_STATE, limit_s)
-    if states.size > size:
-        text = f"{states.size} pairs of block {number} heralded, of {size}"
-        raise SessionError(Reason.PROTOCOL, text)
-    kept, since_ns = np.zeros(0, dtype=bool), 0
-    if states.size:
-        since_ns = yield from stored_since(name)
-        yield from do(Qnic.apply, name, (states ^ side.setup.rotation).astype(np.uint8))
-        kept = yield from store(name)
-        yield from keep_of_all(name, kept)
-    yield side.say(Topic.ARRIVED, number, kept, 1)
-    return kept, since_ns

@@ -88,8 +88,6 @@ class ConnectionEnd(Performer):
                 return Joined(*await self.arrangement.join(setup))
             case protocol.Leave(connection, seen) if self.arrangement is not None:
                 return await self.arrangement.leave(cast(MetadataChannel, connection), seen)
-            case protocol.Herald(block, pairs, whole) if self.arrangement is not None:
-                return await self.arrangement.herald(block, pairs, whole)
             case protocol.Announce(block, pulses) if self.arrangement is not None:
                 return await self.arrangement.announce(block, pulses)
             case _:

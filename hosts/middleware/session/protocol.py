@@ -78,7 +78,7 @@ from numpy.typing import ArrayLike
 
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic
-from hosts.hardware.replies import Heralds, Stored
+from hosts.hardware.replies import Stored
 from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.values import Lifetimes, Numbers, expect, values
 from hosts.timeouts import ANSWER_TIMEOUT_S, GRACE_S, IDLE_TIMEOUT_S, LIGHT_TIMEOUT_S
@@ -184,15 +184,6 @@ class BeginEmit:
 
 
 @dataclass(frozen=True)
-class Herald:
-    """Have the station of the session herald pairs of a block; `whole`: nobody wants a part."""
-
-    block: int
-    pairs: int
-    whole: bool = False
-
-
-@dataclass(frozen=True)
 class Announce:
     """Have the relay of the session report its measurements of the light of a block."""
 
@@ -289,7 +280,6 @@ Effect: TypeAlias = (  # Begin is a Do
     | Cancel
     | Emit
     | BeginEmit
-    | Herald
     | Announce
     | Tell
     | Deliver
@@ -416,26 +406,12 @@ class OpenerSide(HostSide):
         yield Emit(number, count)
         return (yield from self.stored(light, count))
 
-    def heralded(self, number: int, count: int, whole: bool) -> Steps[Heralds]:
-        """Have pairs heralded with emitting qubits of this host; return them, at most `count`.
-
-        The other end's attempt when it has agreed.
-        """
-        yield from self.announce(number, count)
-        return (yield from heralded(self, number, count, self.ports[0], whole))
-
 
 def own_pairs(side: Side, number: int, count: int, port: str) -> Steps[Stored]:
     """Make a block of pairs at this host and send half 1 into a port; return the kept halves."""
     setup = side.setup
     light = setup.rate_hz, setup.wavelength_pm
     return (yield from do(Qnic.share_pairs, setup.session, number, count, port, *light))
-
-
-def heralded(side: Side, number: int, count: int, port: str, whole: bool = False) -> Steps[Heralds]:
-    """Let qubits emit into a port, as the other end's do; return the station's heralds."""
-    yield from do(Qnic.attempt, side.block(number), port, side.setup.wavelength_pm)
-    return (yield Herald(number, count, whole))  # type: ignore[no-any-return]
 
 
 def do(

@@ -1,13 +1,6 @@
 """Values as they travel between the ends of a session (wire.metadata.values.Values).
 
-Arrays of small numbers, the lifetimes of a memory, and what a station tells of a block that it was
-asked to herald:
-
-opener                                station
-  | Emit(block, pairs) ---------------> |  heralds until it has as many, or its time is over
-  | <----------------------- Answer(OK) |
-  | <------- Values(COUNTS): attempts   |  high and low 32 bits
-  | <------- Values(HERALDED): n states |
+Arrays of small numbers, and the lifetimes of a memory.
 
 A relay that was asked for what it has measured answers Values(ARRIVED), of which pairs of pulses it
 has a Bell state to tell, and Values(OUTCOMES), these states.
@@ -18,16 +11,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hosts.hardware.replies import Heralds, Symbols
+from hosts.hardware.replies import Symbols
 from hosts.middleware.session.errors import SAME_VERSION, SessionError
-from wire.metadata.setup import Answer
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import Reason
 from wire.outcomes import NO_COINCIDENCE
 
 Numbers = NDArray[np.uint32]
-WORD = 32  # bits of a count
-MAX_WORD = (1 << WORD) - 1
+MAX_WORD = (1 << 32) - 1
 MAX_STATE = 3
 NUMBERS = 4  # that lifetimes travel as
 
@@ -87,26 +78,6 @@ def expect(message: Values, topic: int, block: int, count: int | None, most: int
 def _named(topic: int) -> str:
     known = {each.value: each.name for each in Topic}
     return f"{topic} ({known[topic]})" if topic in known else str(topic)
-
-
-def words_of(session: int, block: int, heralds: Heralds) -> tuple[Answer, Values, Values]:
-    """Return what tells the opener what has been heralded of a block."""
-    counts = [heralds.attempts >> WORD, heralds.attempts & MAX_WORD]
-    return (
-        Answer(session, Reason.OK),
-        values(session, Topic.COUNTS, block, counts, WORD),
-        values(session, Topic.HERALDED, block, heralds.states, 2),
-    )
-
-
-def heralds_of(counts: Values, reply: Values, block: int, most: int) -> Heralds:
-    """Return what a station tells behind its answer; SessionError for more pairs than that."""
-    high, low = expect(counts, Topic.COUNTS, block, 2, MAX_WORD).tolist()
-    states = expect(reply, Topic.HERALDED, block, None, MAX_STATE).astype("u1")
-    if states.size > most:
-        text = f"{states.size} pairs of block {block} heralded, {most} were asked for"
-        raise SessionError(Reason.PROTOCOL, text)
-    return Heralds(states, (high << WORD) + low)
 
 
 def announcement(session: int, block: int, outcomes: Symbols) -> tuple[Values, Values]:

@@ -192,6 +192,19 @@ def test_light_of_memories_that_emit_meets_in_stations_between_them() -> None:
     assert all(each.heard == {} for each in actions if isinstance(each, OpenPaths))
 
 
+def test_a_distribution_has_the_station_whose_farther_arm_loses_least() -> None:
+    """Behind each of three switches light has lost 1 dB more; the last turns it, too."""
+    network = line(3, frozenset(inner_ports(analysers=1)), loss_mdb=1000)
+    network.inner[3], network.optics.switches[3] = frozenset(), rotating(2, 1000)
+    setup = replace(FRAMED, service=Service.DISTRIBUTE, source=ALICE, memory=MemoryState.HERALDED)
+    arbiter = Arbiter(network, HOLD_S, IDLE_S)
+    actions = arbiter.segment_arrived(S1, 1, frame(setup.encode()), NOW)
+    assert hops(actions) == {1: {(1, 2)}, 2: {(1, 60_001), (2, 60_002)}, 3: {(2, 1)}}
+    session = arbiter.sessions.by_number[setup.session]
+    assert session.requests[session.owner].rotation == 2
+    assert session.turns is None
+
+
 @pytest.mark.parametrize("count", [2, 4, 7])
 def test_a_chain_that_does_not_end_in_stations_is_refused_by_name(count: int) -> None:
     answer = refusal(asked(Arbiter(heralding(5), HOLD_S, IDLE_S), count, heralded=True))

@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import replace
 from itertools import product
 from math import cos, factorial, prod, sin, sqrt
 from types import MappingProxyType
@@ -12,10 +13,13 @@ import uvloop
 from numpy.typing import NDArray
 
 from dispatcher.devices.heralding import KINDS, Arm, Heralds, phase_wrong, single_click, two_click
-from evidence.laboratory import Laboratory, LaboratoryHost
+from evidence.laboratory import Laboratory, block_id
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
+from wire.dispatcher_pb2 import BellOutcomes
 from wire.parameters.physics import BellAnalyser, Device, Emitter, Memory
 
+FIRST, SECOND = 60_001, 60_002  # the inputs of the analyser of a switch
+PORTS = {"alice": "alice-q0", "bob": "bob-q0"}
 M_PER_S = 2.04e8  # of light in fibre, as docs/fibers.md has it
 STATION = Device(memory=Memory(capacity=0), analyser=BellAnalyser("linear"))
 PSI = {1: np.array([0, 1, 1, 0]) / sqrt(2), 3: np.array([0, 1, -1, 0]) / sqrt(2)}
@@ -133,31 +137,30 @@ def scene(
     own: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
     **fiber: Any,
 ) -> None:
-    """Do something where alice and bob attempt with such a device, by way of q1, at charlie.
+    """Do something where alice and bob attempt with such a device, at q1, which is a station.
 
     `own` is of the fibre of one host, `fiber` of all.
     """
-    lengths = {"alice": km[0], "bob": km[1], "charlie": 0.0}
-    ends = [("alice", "alice-q0"), ("bob", "bob-q0"), ("charlie", "charlie-q0")]
-    ends.append(("charlie", "charlie-q1"))
     fibers = [
         Fiber(
             FiberEnd(host, port),
             FiberEnd("q1", str(number)),
-            length_km=lengths[host],
+            length_km=length_km,
             **fiber,
             **own.get(host, {}),
         )
-        for number, (host, port) in enumerate(ends, 1)
+        for number, ((host, port), length_km) in enumerate(zip(PORTS.items(), km, strict=True), 1)
     ]
-    devices = {"alice": device, "bob": device, "charlie": station}
+    devices = dict.fromkeys(PORTS, device)
+    analyser, detectors = station.analyser, station.detectors
+    switches = [replace(switch, analysers=1, analyser=analyser, detectors=detectors)]
     config = DispatcherConfig(
-        "", "", 1, dict.fromkeys(devices, ""), fibers, [switch], devices=devices
+        "", "", 1, dict.fromkeys(devices, ""), fibers, switches, devices=devices
     )
 
     async def inside() -> None:
         laboratory = Laboratory(config)
-        await laboratory.connect("q1", {1: 3, 2: 4})
+        await laboratory.connect("q1", {1: FIRST, 2: SECOND})
         await laboratory.wait(1e-3)
         await act(laboratory)
 
@@ -168,12 +171,9 @@ async def heralded(
     laboratory: Laboratory, count: int, timeout_s: float = 60.0
 ) -> tuple[NDArray[np.uint8], int, float]:
     """Herald pairs; return the Bell states, the attempts, and how long it took."""
-    await laboratory.host("alice").attempt((0, 0), "alice-q0")
-    await laboratory.host("bob").attempt((0, 1), "bob-q0")
-    station = laboratory.host("charlie")
-    found = await station.herald(count, ("charlie-q0", "charlie-q1"), timeout_s)
-    bell_states = np.frombuffer(found.outcomes, np.uint8)
-    return bell_states, found.attempts, (found.last_ns - found.first_ns) / 1e9
+    found, took_s = await laboratory.heralded("q1", PORTS, count, timeout_s=timeout_s)
+    assert found.end == BellOutcomes.HERALDED
+    return np.frombuffer(found.outcomes, np.uint8), found.attempts, took_s
 
 
 async def correlations(
@@ -208,6 +208,8 @@ def chance_of(scheme: str, each: float = 1.0, alpha: float = 0.1) -> float:
     return 2 * alpha * light * (1 - alpha * light / 2) if scheme == SINGLE else light**2 / 2
 
 
-def attempts_of(host: LaboratoryHost) -> Awaitable[object]:
+async def attempted(laboratory: Laboratory, host: str, **more: Any) -> None:
     """Let a host attempt by its first port."""
-    return host.attempt((0, int(host.name == "bob")), f"{host.name}-q0")
+    name = block_id((0, int(host == "bob")))
+    wanted = {"block": name, "port": PORTS[host], "count": 1, **more}
+    await laboratory.table.handle(host, "attempt", laboratory.request("attempt", **wanted))

@@ -7,16 +7,17 @@ import numpy as np
 import pytest
 import uvloop
 from five_sigma import within
+from heralding_scene import FIRST, PORTS, SECOND, attempted
 
 from dispatcher.refusal import Refusal
-from evidence.laboratory import Laboratory, outcomes
+from evidence.laboratory import Laboratory
 from wire.config import DispatcherConfig, Fiber, FiberEnd
-from wire.dispatcher_pb2 import Feedback, MeasureRequest
+from wire.dispatcher_pb2 import BellOutcomes, MeasureRequest
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import BellAnalyser, Device, Emitter, Memory
+from wire.parameters.switch import QuantumSwitch
 
 X = MeasureRequest.X
-STATION = Device(memory=Memory(capacity=0), analyser=BellAnalyser("linear"))
 EFFICIENCY = 0.6
 CHANCE = EFFICIENCY**2 / 2  # of an attempt: Barrett and Kok
 ATTEMPT_S = 1e-3
@@ -27,32 +28,30 @@ YOUNG = np.arange(PAIRS) >= PAIRS - 41
 
 
 def scene(act: Callable[[Laboratory], Awaitable[None]], **memory: Any) -> None:
-    """Let something happen to alice and bob, with a fibre between them and one to a station."""
+    """Let something happen to alice and bob, with a fibre between them and to a station in q1."""
     emitter = Emitter("two-click", EFFICIENCY, preparation_s=ATTEMPT_S)
     device = Device(memory=Memory(**memory), emitter=emitter)
 
     async def inside() -> None:
-        joined = {"alice-q0": "charlie-q0", "bob-q0": "charlie-q1", "alice-q1": "bob-q1"}
-        ends = [[FiberEnd(port.split("-")[0], port) for port in way] for way in joined.items()]
-        fibers = [Fiber(one, other, length_km=0.01) for one, other in ends]
-        tokens = dict.fromkeys(("alice", "bob", "charlie"), "")
-        devices = {"alice": device, "bob": device, "charlie": STATION}
-        await act(Laboratory(DispatcherConfig("", "", 1, tokens, fibers, [], devices=devices)))
+        ends = {("alice", "alice-q0"): ("q1", "1"), ("bob", "bob-q0"): ("q1", "2")}
+        ends["alice", "alice-q1"] = "bob", "bob-q1"
+        fibers = [
+            Fiber(FiberEnd(*one), FiberEnd(*other), length_km=0.01) for one, other in ends.items()
+        ]
+        switch = QuantumSwitch("q1", analysers=1, analyser=BellAnalyser("linear"))
+        devices, tokens = dict.fromkeys(PORTS, device), dict.fromkeys(PORTS, "")
+        config = DispatcherConfig("", "", 1, tokens, fibers, [switch], devices=devices)
+        laboratory = Laboratory(config)
+        await laboratory.connect("q1", {1: FIRST, 2: SECOND})
+        await laboratory.wait(1e-3)
+        await act(laboratory)
 
     uvloop.run(inside())
 
 
-async def herald(laboratory: Laboratory, number: int, told: tuple[float | None, ...]) -> Feedback:
-    """Herald two pairs; the ends tell their cut-offs."""
-    for half, (host, cutoff_s) in enumerate(zip(("alice", "bob"), told, strict=True)):
-        await laboratory.host(host).attempt((number, half), f"{host}-q0", cutoff_s)
-    ports = "charlie-q0", "charlie-q1"
-    return await laboratory.host("charlie").herald(2, ports, 60.0, number)
-
-
-@pytest.mark.parametrize("told", [(None, None), (np.inf, 0.0035)], ids=["own", "told"])
+@pytest.mark.parametrize("cutoff_s", [None, 0.0035], ids=["own", "told"])
 def test_two_pairs_are_there_when_one_comes_soon_enough_behind_another(
-    told: tuple[float | None, ...],
+    cutoff_s: float | None,
 ) -> None:
     """Of geometric gaps one is short enough with s = 1 - (1 - p)^m: (1 + 1/s) / p attempts.
 
@@ -68,16 +67,18 @@ def test_two_pairs_are_there_when_one_comes_soon_enough_behind_another(
         alice, bob = laboratory.host("alice"), laboratory.host("bob")
         attempts, right = [], np.zeros(2, int)
         for number in range(blocks):
-            found = await herald(laboratory, number, told)
+            told = {"timeout_s": 60.0, "cutoff_s": cutoff_s}
+            found, _took_s = await laboratory.heralded("q1", PORTS, 2, number, **told)
             attempts.append(found.attempts)
+            states = np.frombuffer(found.outcomes, np.uint8)
             mine, yours = await alice.measure((number, 0), X), await bob.measure((number, 1), X)
-            right += (mine ^ yours) == (outcomes(found) == PSI_MINUS)
+            right += (mine ^ yours) == (states == PSI_MINUS)
         error = np.std(attempts) / np.sqrt(blocks)
         assert abs(np.mean(attempts) - (1 + 1 / short) / CHANCE) < 5 * error
         assert within(int(right[0]), blocks, older)
         assert right[1] == blocks  # it has just come
 
-    scene(act, t2_s=t2_s, cutoff_s=0.0035 if told[1] is None else np.inf)
+    scene(act, t2_s=t2_s, cutoff_s=0.0035 if cutoff_s is None else np.inf)
 
 
 async def stored(laboratory: Laboratory, cutoff_s: float | None = None) -> None:
@@ -154,14 +155,14 @@ def test_a_cutoff_that_cannot_be_is_refused(cutoff_s: float, words: str) -> None
         with pytest.raises(Refusal, match=f"cut-off of {words}"):
             await bob.store((0, 0), cutoff_s)
         with pytest.raises(Refusal, match=f"cut-off of {words}"):
-            await bob.attempt((1, 0), "bob-q0", cutoff_s)
+            await attempted(laboratory, "bob", cutoff_s=cutoff_s)
 
     scene(act)
 
 
 def test_pairs_that_would_be_too_old_at_once_are_refused() -> None:
     async def act(laboratory: Laboratory) -> None:
-        with pytest.raises(Refusal, match=r"choose a longer memory\.cutoff_s"):
-            await herald(laboratory, 0, (None, None))
+        found, _took_s = await laboratory.heralded("q1", PORTS, 2)
+        assert found.end == BellOutcomes.UNFIT
 
     scene(act, cutoff_s=1e-9)

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 import uvloop
+from heralding_scene import FIRST, SECOND
+from heralding_scene import PORTS as HERALDED
 
 from dispatcher.fiber.noise import Effect, Passage
 from dispatcher.refusal import Refusal
@@ -19,7 +21,7 @@ from evidence.laboratory import START_NS, Laboratory
 from wire.config import BadConfig, DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import CreateRequest, Feedback, Gate, MeasureRequest
 from wire.parameters.fiber import FiberOptics
-from wire.parameters.physics import Device
+from wire.parameters.physics import BellAnalyser, Device
 from wire.parameters.switch import PathOptics, QuantumSwitch
 
 COUNT = 600
@@ -149,14 +151,12 @@ async def program(job: Job) -> None:
 
 
 async def heralded(job: Job) -> None:
-    """Charlie heralds pairs of qubits of alice and bob."""
-    await job.laboratory.connect("q1", {1: 5, 3: 6})
-    hosts = [job.laboratory.host(name) for name in ("alice", "bob")]
-    for half, host in enumerate(hosts):
-        job.note(await host.attempt((0, half), f"{host.name}-q0"))
-    job.note(await job.laboratory.host("charlie").herald(COUNT, ("charlie-q0", "charlie-q1"), 1.0))
-    for half, host in enumerate(hosts):
-        await job.measure(host.name, (0, half), 1)
+    """A station in q1 heralds pairs of qubits of alice and bob."""
+    await job.laboratory.connect("q1", {1: FIRST, 3: SECOND})
+    report, took_s = await job.laboratory.heralded("q1", HERALDED, COUNT, timeout_s=1.0)
+    job.told += [str(report), took_s]
+    for half, host in enumerate(HERALDED):
+        await job.measure(host, (0, half), 1)
 
 
 async def sensed(job: Job) -> None:
@@ -183,7 +183,7 @@ CLICKS = {
     f"{host}.emitter.{name}": value
     for host in ("alice", "bob")
     for name, value in {"scheme": "single-click", "efficiency": 0.5}.items()
-} | {"charlie.analyser.kind": "linear", "charlie.memory.capacity": 0}
+} | {"switch.analysers": 1, "switch.analyser": BellAnalyser("linear")}
 OWN = "source.noise", "memory.noise", "gates.noise", "detectors.noise", "fiber.noise"
 CASES: list[tuple[Act, str, Any, Settings]] = [
     (stored, "charlie.source.statistics", "poisson", {}),

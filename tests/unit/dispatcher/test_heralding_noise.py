@@ -101,10 +101,10 @@ def test_clicks_that_are_told_of_the_other_detector_flip_phases(scheme: str) -> 
 
 
 def test_noise_of_fibres_and_of_emitters_is_in_the_pairs() -> None:
-    """Werner pairs: each basis errs with 2 (1 - F) / 3, fibres with p / 2 each, on four."""
+    """Werner pairs: each basis errs with 2 (1 - F) / 3, fibres with p / 2 each, on two."""
     fidelity, p, count = 0.94, 0.02, 60_000
     device = Device(emitter=Emitter("two-click", fidelity=fidelity))
-    keeps = (1 - 4 * (1 - fidelity) / 3) ** 2 * (1 - p) ** 4
+    keeps = (1 - 4 * (1 - fidelity) / 3) ** 2 * (1 - p) ** 2
 
     async def act(laboratory: Laboratory) -> None:
         bell_states, _attempts, _took_s = await heralded(laboratory, count)

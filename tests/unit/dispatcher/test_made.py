@@ -12,13 +12,15 @@ import numpy as np
 import pytest
 import uvloop
 from dispatcher_network import configuration
+from heralding_scene import FIRST, PORTS, SECOND, attempted
 
 from dispatcher.layer.ownership import BlockName
 from dispatcher.refusal import Refusal
-from evidence.laboratory import SESSION, START_NS, Laboratory
+from evidence.laboratory import SESSION, START_NS, Laboratory, block_id
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import BlockId, CreateRequest, StoreRequest
 from wire.parameters.physics import BellAnalyser, Device, Emitter, Memory
+from wire.parameters.switch import QuantumSwitch
 
 COPPER_S = {"alice": 3e-3, "bob": 4e-3, "charlie": 10e-3}
 NEWS_S = {name: {"s1": delay_s} for name, delay_s in COPPER_S.items()} | {"s1": COPPER_S}
@@ -45,6 +47,13 @@ async def measured(laboratory: Laboratory) -> None:
 async def taken_apart(laboratory: Laboratory) -> None:
     """Let bob's photons be in a block that he has made."""
     await laboratory.host("bob").gather((5, 0), {(0, 0): np.arange(PAIRS)})
+
+
+def with_station(config: DispatcherConfig, memory: Memory) -> DispatcherConfig:
+    """Return the network with a station in q1, and memories that emit at alice and bob."""
+    device = Device(memory=memory, emitter=Emitter("two-click"))
+    q1 = QuantumSwitch("q1", analysers=1, analyser=BellAnalyser("linear"))
+    return replace(config, devices=dict.fromkeys(PORTS, device), switches=[q1])
 
 
 async def refusal(action: Awaitable[object]) -> str:
@@ -133,14 +142,14 @@ def test_what_is_let_go_at_its_maker_is_free_at_once(config: DispatcherConfig) -
 def test_a_host_that_attempts_cannot_tell_whether_another_attempts_under_its_name(
     config: DispatcherConfig,
 ) -> None:
-    device = Device(memory=Memory(capacity=10), emitter=Emitter("two-click"))
-    config = replace(config, devices={"alice": device, "bob": device})
+    config = with_station(config, Memory(capacity=10))
 
     async def ask(alone: bool) -> str:
         laboratory = Laboratory(config)
+        await laboratory.connect("q1", {3: FIRST, 4: SECOND})
         if not alone:
-            await laboratory.host("alice").attempt((0, 0), "alice-q0")
-        return await refusal(laboratory.host("bob").attempt((0, 0), "bob-q0"))
+            await attempted(laboratory, "alice")
+        return await refusal(attempted(laboratory, "bob", block=block_id((0, 0))))
 
     assert uvloop.run(ask(True)) == uvloop.run(ask(False)) == "done"
 
@@ -148,30 +157,23 @@ def test_a_host_that_attempts_cannot_tell_whether_another_attempts_under_its_nam
 def test_a_host_cannot_tell_by_its_memory_what_a_station_heralds_before_news_can_be_here(
     config: DispatcherConfig,
 ) -> None:
-    """Light takes 49 ns from q1 to alice, and as long from charlie to it; her memory takes 4."""
-    device = Device(memory=Memory(capacity=4), emitter=Emitter("two-click"))
-    station = Device(analyser=BellAnalyser("linear"))
-    config = replace(config, devices={"alice": device, "bob": device, "charlie": station})
+    """Light takes 49 ns from q1 to alice; her memory takes 4."""
+    config = with_station(config, Memory(capacity=4))
 
     async def ask(heralded: bool) -> list[str]:
         laboratory = Laboratory(config)
-        alice, bob, charlie = (laboratory.host(name) for name in ("alice", "bob", "charlie"))
-        await laboratory.connect("q1", {3: 1, 4: 2})
-        await alice.attempt((0, 0), "alice-q0")
-        await bob.attempt((0, 1), "bob-q0")
+        await laboratory.connect("q1", {3: FIRST, 4: SECOND})
         clock, stored = laboratory.clock, laboratory.layer.memories._stored
         told, jump = asyncio.Event(), clock.wait_until
 
         async def wait(time_ns: int) -> None:
-            if asyncio.current_task() is not work:
+            if asyncio.current_task() not in laboratory.table.stations._busy.values():
                 await told.wait()
             await jump(time_ns)
 
         clock.wait_until = wait  # type: ignore[method-assign]
-        ports = ("charlie-q0", "charlie-q1")
-        work = asyncio.create_task(charlie.herald(3, ports, 60.0))
-        if not heralded:
-            work.cancel()
+        if heralded:
+            work = asyncio.create_task(laboratory.heralded("q1", PORTS, 3, timeout_s=60.0))
         while heralded and "alice" not in stored:
             await asyncio.sleep(0)
         answers = []

@@ -14,8 +14,7 @@ import pytest
 import uvloop
 from numpy.typing import NDArray
 
-from evidence.curves.link import configuration, fiber
-from evidence.laboratory import Laboratory
+from evidence.curves.memories import PORTS, station
 from topologies.catalogue.node_kinds import ATOMIC_ENSEMBLE, ION_TRAP, NV_CENTRE, STATION
 from wire.dispatcher_pb2 import MeasureRequest
 from wire.parameters.physics import Device
@@ -92,19 +91,13 @@ def at_the_herald(device: Device) -> Device:
 
 async def heralded(device: Device) -> Heralded:
     """Herald pairs, ten at a time, and measure them in one basis after the other."""
-    fibers = [fiber(*way, length_km=ARM_KM) for way in WAYS.values()]
-    devices = {**dict.fromkeys(WAYS, device), "charlie": STATION}
-    laboratory = Laboratory(configuration(1, fibers, devices))
-    hosts = [laboratory.host(name) for name in WAYS]
+    laboratory = await station(1, {"length_km": ARM_KM}, device, STATION)
+    hosts = [laboratory.host(name) for name in PORTS]
     seconds, attempts = 0.0, 0
     right, measured = np.zeros(3, int), np.zeros(3, int)
     for number in range(BLOCKS):
-        began_ns = laboratory.clock.now_ns()
-        for half, (host, (port, _far)) in enumerate(zip(hosts, WAYS.values(), strict=True)):
-            await host.attempt((number, half), port)
-        ports = ("charlie-q0", "charlie-q1")
-        found = await laboratory.host("charlie").herald(PAIRS, ports, MAX_S, number)
-        seconds += (found.last_ns - began_ns) / 1e9
+        found, took_s = await laboratory.heralded("q1", PORTS, PAIRS, number, timeout_s=MAX_S)
+        seconds += took_s
         attempts += found.attempts
         told = np.frombuffer(found.outcomes, np.uint8)
         basis = BASES[number % 3]

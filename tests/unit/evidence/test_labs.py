@@ -210,7 +210,7 @@ def test_a_run_tells_when_events_were_in_time_of_the_network(tmp_path: Path) -> 
     day = "2026-11-22T18:37:1"
     lines = [f"{day}4.302784646Z bob attempt port=bob-q0 block 1/1"]
     lines += [f"{day}4.802784646Z alice attempt port=alice-q0 block 1/0"]
-    lines += [f"{day}9.302784646Z charlie herald Psi+=529 Psi-=522 of 8215 attempts"]
+    lines += [f"{day}9.302784646Z q1-analyser1 herald Psi+=529 Psi-=522 of 8215 attempts"]
     (tmp_path / "quantum.log").write_text("\n".join(lines) + "\n")
     run = Run(tmp_path, {})
     assert run.times_s("attempt") == [0.0, 0.5]

@@ -305,7 +305,6 @@ async def network(
                 change,
                 cut,
                 config.devices.get(name, Device()) if told else Device(),
-                [each for each, device in config.devices.items() if device.is_station],
             )
             if stacks is not None:
                 stacks[name] = host
@@ -333,7 +332,6 @@ async def start_host(
     change: Change | None,
     cut: Cut,
     device: Device,
-    stations: list[str],
 ) -> Stack:
     """Start a host's stack and the relay in front of it."""
     config = HostConfig(
@@ -349,7 +347,6 @@ async def start_host(
         analyser=analyser,
         features=device.features.value,
         memory_qubits=device.memory.capacity,
-        stations=stations,
         multi_photon=device.source.multi_photon,
         intensities=list(device.source.intensities),
         cutoff_s=device.memory.cutoff_s,

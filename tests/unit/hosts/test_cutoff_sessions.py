@@ -7,24 +7,13 @@ from typing import Any
 
 import pytest
 from stacks_scene import ask, network, requested
-from test_heralded_distribution import ATTEMPTS, STATION
 
 from hosts import network_loop
 from hosts.stack_socket import QuantumSocketError
 from wire.device import DeviceSettings
 from wire.metadata.header import Message
 from wire.metadata.values import Topic, Values
-from wire.parameters.physics import Device, Emitter, Memory, PairSource
-
-
-def scene(cutoff_s: float = float("inf")) -> dict[str, Any]:
-    """Return the physics of memories that emit in a microsecond, for certain, and a station."""
-    emitter = Emitter("two-click", preparation_s=1e-6)
-    ions = Device(PairSource("none"), Memory(cutoff_s=cutoff_s), emitter=emitter)
-    return {
-        "devices": {"alice": ions, "bob": ions, "charlie": STATION},
-        "paths": ATTEMPTS,
-    }
+from wire.parameters.physics import Device, Memory
 
 
 def test_old_pairs_are_made_again(tmp_path: Path) -> None:
@@ -53,7 +42,9 @@ def test_old_pairs_are_made_again(tmp_path: Path) -> None:
 
 
 def test_nothing_is_dropped_in_time(tmp_path: Path) -> None:
-    alice, bob = ask(tmp_path, "distribute", physics=scene(cutoff_s=3600.0), count=5, sample=0)
+    devices = dict.fromkeys(("alice", "bob"), Device(memory=Memory(cutoff_s=3600.0)))
+    physics: dict[str, Any] = {"devices": devices}
+    alice, bob = ask(tmp_path, "distribute", physics=physics, count=5, sample=0)
     assert (alice["pairs"], alice["dropped"], bob["dropped"]) == (5, 0, 0)
 
 
@@ -61,7 +52,7 @@ def test_the_controller_sets_the_cutoff_of_memories(tmp_path: Path) -> None:
     """No message between programs comes within 50 us."""
 
     async def run() -> str:
-        async with network(tmp_path, settings=DeviceSettings(cutoff_us=50), **scene()):
+        async with network(tmp_path, settings=DeviceSettings(cutoff_us=50)):
             with pytest.raises(QuantumSocketError) as caught:
                 await asyncio.to_thread(requested, tmp_path, "distribute", count=5, sample=0)
         return str(caught.value)

@@ -7,9 +7,10 @@ import pytest
 
 from hosts.middleware.services.superdense.receiver import check_offer
 from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.offers import check_light
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES
 from wire.metadata.setup import Setup
-from wire.metadata.vocabulary import Fec, Handshake, Reason, Service
+from wire.metadata.vocabulary import Fec, Handshake, MemoryState, Reason, Service
 
 PLAIN = Setup(1, Service.SDC, Handshake.FRAMED, "10.0.0.3", MAX_BLOCK_PAIRS, MAX_FRAME_BYTES, 1)
 
@@ -33,6 +34,12 @@ def test_what_is_not_offered_is_refused_by_name(field: str, words: str) -> None:
     with pytest.raises(SessionError, match=words) as caught:
         check_offer(replace(PLAIN, **change), 4)
     assert caught.value.reason == Reason.UNSUPPORTED
+
+
+def test_a_service_without_stations_refuses_memories_that_emit() -> None:
+    setup = replace(PLAIN, service=Service["BB84"], memory=MemoryState.HERALDED)
+    with pytest.raises(SessionError, match="memory 1 for bb84: choose 0"):
+        check_light(setup)
 
 
 @pytest.mark.parametrize("wavelength_pm", [0, 99_999, 10_000_001])

@@ -119,7 +119,7 @@ def test_a_setting_that_does_nothing_in_a_job_is_refused(
         ("ghz", f"alice.{FIDELITY}", {}),
         ("swap", f"alice.{FIDELITY}", {}),
         ("swap", f"bob.{FIDELITY}", {}),
-        ("distribute", "bob.source.statistics=none", {"node": ["ion-trap", "charlie=station"]}),
+        ("distribute", "bob.source.statistics=none", {"node": ["ion-trap"]}),
         ("bb84", f"charlie.{FIDELITY}", {"policy": str(POLICY)}),  # that may have fibres watched
     ],
 )

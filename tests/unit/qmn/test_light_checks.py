@@ -1,6 +1,7 @@
 """A job for which its network cannot have light is refused before anything starts."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import pytest
 
@@ -10,11 +11,10 @@ from qmn.network.options import NetworkOptions
 from qmn.options import BadInput
 from topologies.description.description import Description, LaidFiber
 from wire.parameters.fiber import optics
-from wire.parameters.physics import BellAnalyser, Device, Emitter, PairSource
+from wire.parameters.physics import Device, Emitter, PairSource
 from wire.parameters.switch import QuantumSwitch
 
-STATION = Device(source=PairSource(statistics="none"), analyser=BellAnalyser(kind="linear"))
-EMITTING = Device(emitter=Emitter(scheme="single_click"))
+EMITTING = Device(source=PairSource(statistics="none"), emitter=Emitter(scheme="single-click"))
 
 
 def parts(
@@ -118,10 +118,11 @@ def test_a_host_with_too_few_fibres_is_named(fibers: Mapping[str, int], words: s
 
 
 def test_a_station_heralds_pairs_of_memories_that_emit() -> None:
-    devices = {"a": EMITTING, "b": EMITTING, "c": STATION}
-    check_light("distribute", ("a", "b"), parts(WHOLE, devices=devices))
-    with pytest.raises(BadInput, match=r"^c has 1 fibre, and distribute needs 2"):
-        check_light("distribute", ("a", "b"), parts({**WHOLE, "c q1": 1}, devices=devices))
+    network = parts(WHOLE, devices={"a": EMITTING, "b": EMITTING})
+    with pytest.raises(BadInput, match=r"^distribute: a has .* emits, and no .* has a station"):
+        check_light("distribute", ("a", "b"), network)
+    stations = {name: replace(each, analysers=1) for name, each in network.switches.items()}
+    check_light("distribute", ("a", "b"), replace(network, switches=stations))
 
 
 def test_the_last_of_several_sources_makes_pairs_in_a_described_network() -> None:

@@ -22,6 +22,11 @@ COMMANDS = [
     ("run swap --topology repeaters,stations", "run swap --topology chain"),
     ("run swap --topology repeaters,3,stations", "run swap --topology chain,7"),
     ("run swap --repeaters 3 --stations", "run swap --topology chain,switches=7"),
+    (
+        "run distribute --node ion-trap --node charlie=station",
+        "run distribute --node ion-trap --switch parts=station",
+    ),
+    ("run distribute --node=c=station", "run distribute --switch=parts=station"),
     ("lab sweep swap --repeaters 1:3", "lab sweep swap --switches 1:3"),
     ("sweep swap --repeaters=2", "lab sweep swap --switches=2"),
     ("run load --switches 5", "run load --topology ring,switches=5"),

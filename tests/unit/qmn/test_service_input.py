@@ -72,6 +72,13 @@ def test_a_swap_goes_over_all_switches_of_a_chain() -> None:
     assert network.hosts == ["alice", "bob", "charlie"]
 
 
+def test_distribution_of_memories_that_emit_has_stations_alone() -> None:
+    words = "--topology", "chain,3", "--node", "nv-centre", "--count", "7"
+    _request, network = checked(parse("distribute", *words))
+    assert {each.memories for each in network.parts.switches.values()} == {0}
+    assert {each.analyser.kind for each in network.parts.switches.values()} == {"linear"}
+
+
 @pytest.mark.parametrize(
     ("words", "text"),
     [
