@@ -50,7 +50,6 @@ STACK: dict[str, Callable[[Device], Any]] = {
     "cutoff_s": lambda device: device.memory.cutoff_s,
 }
 OF_ALL: dict[str, Callable[[Device], Any]] = {  # and every stack, of alice's
-    "stations": lambda device: ["alice"] if device.source.statistics == "none" else [],
     "pair_rate_hz": lambda device: min(50_000_000, int(device.source.max_rate_hz)),
 }
 HOSTS = "alice", "bob", "charlie"
@@ -164,7 +163,7 @@ def test_a_setting_of_a_switch_comes_to_the_dispatcher(setting: str) -> None:
 def test_a_setting_of_a_part_of_a_switch_comes_to_the_dispatcher() -> None:
     changed = changes(["--switch", "q1.memories=2", "--switch", "memory.t2_s=0.5"])
     assert changed.pop("q1.memories") == changed.pop("dispatcher.switches.0.memories") == 2
-    assert changed == {"q1.memory.t2_s": 0.5, "dispatcher.switches.0.memory.t2_s": 0.5}
+    assert changed == {"q1.parts.memory.t2_s": 0.5, "dispatcher.switches.0.memory.t2_s": 0.5}
 
 
 @pytest.mark.parametrize("kind", NODE_KINDS)
