@@ -3,7 +3,6 @@
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import partial
 
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.operations import limits
@@ -110,7 +109,7 @@ class Emission:
         self._switches = layer.network.switches
         self._blocks, self._transport = blocks, transport
         self._layer, self._failed = layer, failed
-        # Until when a source makes light, and who makes more then, by node.
+        # Until when a source makes light, and the last that was to make more then, by node.
         self._busy_ns: dict[str, int] = {}
         self._next: dict[str, asyncio.Task[None]] = {}
 
@@ -144,12 +143,13 @@ class Emission:
             launches=launches, rate_hz=request.rate_hz, frequency_mhz=request.frequency_mhz
         )
         before = self._next.get(node)
-        if before is None and self._busy_ns.get(node, 0) <= self._layer.clock.now_ns():
+        queued = before is not None and not before.done()
+        if not queued and self._busy_ns.get(node, 0) <= self._layer.clock.now_ns():
             self._launch(node, light)
         else:
             self._next[node] = task = asyncio.create_task(self._launch_behind(before, node, light))
             self._layer.journal.begun(task)
-            task.add_done_callback(partial(self._ended, node))
+            task.add_done_callback(self._ended)
         return EmitReply()
 
     async def _launch_behind(
@@ -171,9 +171,7 @@ class Emission:
                 self._blocks.discard(node, launch.block)
             raise
 
-    def _ended(self, node: str, task: asyncio.Task[None]) -> None:
-        if self._next.get(node) is task:
-            del self._next[node]
+    def _ended(self, task: asyncio.Task[None]) -> None:
         if not task.cancelled() and (error := task.exception()) is not None:
             self._failed(error)
 

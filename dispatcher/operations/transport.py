@@ -104,13 +104,15 @@ class Transport:
         return feedback
 
     def release(self, block: Block, port: str, over: Callable[[], None]) -> None:
-        """Send a block out of its node's memory as it came; call `over` when it has landed."""
+        """Send a block out of its node's memory as it came; call `over` when it has landed.
+
+        That is of the stretch in which it lands, as a replay has it (dispatcher/layer/journal.py).
+        """
         layer, interval_ns = self._layer, block.interval_ns
         layer.recall(block, interval_ns=interval_ns)
         pattern = Pattern(interval_ns, block.register.size)
         departure = Departure(layer.clock.now_ns(), pattern, block.pulses.frequency_mhz)
-        flight = self._launch(block, FiberEnd(block.node, port), departure)
-        flight.add_done_callback(lambda _flight: over())
+        self._launch(block, FiberEnd(block.node, port), departure, over)
 
     async def settled(self) -> None:
         """Wait until light has come that is due to be somewhere now: a busy program is late."""
@@ -123,7 +125,13 @@ class Transport:
         while self._flights:
             await asyncio.wait(self._flights)
 
-    def _launch(self, block: Block, end: FiberEnd, departure: Departure) -> asyncio.Task[None]:
+    def _launch(
+        self,
+        block: Block,
+        end: FiberEnd,
+        departure: Departure,
+        over: Callable[[], None] = lambda: None,
+    ) -> None:
         layer = self._layer
         layer.record(end.node, "send", block, port=end.port, time_ns=departure.start_ns)
         self._keep_time(block, departure)
@@ -136,10 +144,9 @@ class Transport:
         flight = Flight(block, departure, layer)
         flight.announce(end)
         flight.launch(end)
-        task = asyncio.create_task(self._fly(block, end, flight))
+        task = asyncio.create_task(self._fly(block, end, flight, over))
         self._flights[task] = flight
         task.add_done_callback(self._landed)
-        return task
 
     def _keep_time(self, block: Block, departure: Departure) -> None:
         """Let the half that stays begin to be when its source emits this one, pair by pair."""
@@ -158,7 +165,9 @@ class Transport:
         if not task.cancelled() and (error := task.exception()) is not None:
             self._failed(error)
 
-    async def _fly(self, block: Block, end: FiberEnd, flight: Flight) -> None:
+    async def _fly(
+        self, block: Block, end: FiberEnd, flight: Flight, over: Callable[[], None]
+    ) -> None:
         layer = self._layer
         left, landed = True, False
         while left and (arrival := await flight.next_arrival(layer.clock)):
@@ -172,6 +181,7 @@ class Transport:
             await layer.clock.wait_until(flight.known_ns)
         if not landed:
             layer.record(end.node, "dark", block, end.port, "no light came out")
+        over()
 
     def _land(self, block: Block, arrival: Arrival) -> None:
         layer = self._layer
