@@ -16,7 +16,7 @@ Before, a controller may have a block purified round by round; each round is rep
 
 import asyncio
 from collections import Counter, deque
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -43,7 +43,7 @@ from wire.dispatcher_pb2 import (
     SwitchStatisticsReply,
 )
 from wire.outcomes import NO_CLICK
-from wire.parameters.switch import Kind
+from wire.parameters.switch import HALVES, Kind
 
 
 class SwitchMemories:
@@ -167,9 +167,14 @@ class SwitchMemories:
             return
         waited_ns = self._layer.clock.now_ns() - cutoff.came_ns(block)
         port, interval_ns, cutoff_s = block.port, block.interval_ns, block.cutoff_s
-        left, bits, feedback = self._purification.round(
-            block, np.frombuffer(order, np.uint8), request.method
-        )
+        try:
+            left, bits, feedback = self._purification.round(
+                block, np.frombuffer(order, np.uint8), request.method
+            )
+        except (Refusal, TooLarge):
+            if not block.port:  # the round has begun
+                self._give_up(block, port)
+            raise
         self._layer.memories.store(left, cutoff_s)
         left.port, left.interval_ns = port, interval_ns
         left.came_ns = np.full(left.register.size, left.start_ns)
@@ -177,6 +182,17 @@ class SwitchMemories:
         self._replace(block, left)
         outcomes = np.where(left.register.present, bits, NO_CLICK).astype(np.uint8)
         self._begin(self._purified(left, outcomes.tobytes(), feedback))
+
+    def _give_up(self, block: Block, port: str) -> None:
+        """Discard the parts of a block of which a round has failed."""
+        name, block.port = block.name, port
+        parts = [
+            part
+            for part in self._layer.ownership.of_session(block.node, name.session)
+            if (part.name.number, part.name.half % HALVES) == (name.number, name.half % HALVES)
+        ]
+        self._take(block)
+        self._discard(block, BellOutcomes.UNFIT, "refused", parts)
 
     def _replace(self, block: Block, left: Block) -> None:
         held = self._held[block.node]
@@ -321,11 +337,15 @@ class SwitchMemories:
         if limit is not asyncio.current_task():
             limit.cancel()
 
-    def _discard(self, block: Block, end: "BellOutcomes.End", count: str) -> None:
+    def _discard(
+        self, block: Block, end: "BellOutcomes.End", count: str, parts: Sequence[Block] = ()
+    ) -> None:
+        """Discard a block, or the parts in which it is now, and report its end."""
         layer, node = self._layer, block.node
-        self._counts[node][count] += block.remaining
         name = BellOutcomes.End.Name(end).lower().replace("_", " ")
-        layer.record(node, "discard", block, block.port, name)
         report = BellOutcomes(end=end, photons=block.size)
-        layer.drop(block)
+        for part in parts or (block,):
+            self._counts[node][count] += part.remaining
+            layer.record(node, "discard", part, block.port, name)
+            layer.drop(part)
         self._reports.add(node, report)
