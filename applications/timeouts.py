@@ -1,7 +1,8 @@
 """The waits of applications and of their services: seconds of the network by default."""
 
 # Keys
-KEYS_TIMEOUT_S = 45.0  # an end that corrects a million errors is busy for so long at most
+# An end that corrects a million errors is busy for so long at most, where the wall paces time.
+KEYS_TIMEOUT_S = 45.0
 FETCH_TIMEOUT_S = 3600.0  # keys that nobody fetches for so long are thrown away
 STORING_TIMEOUT_S = 2.0  # one end stores the keys of a session before the other
 STORING_LOOK_S = 0.05  # between two looks whether it has
@@ -9,8 +10,9 @@ CAPACITY_TIMEOUT_S = 30.0  # until there is room in a full store; less than KEYS
 CAPACITY_LOOK_S = 0.2  # between two looks whether there is
 FILLING_PAUSE_S = 5.0  # after sessions for keys that have failed, at most
 
-# Key managers, by the wall
+# Key managers
 CLIENT_IDLE_S = 60.0  # that a client may keep a connection open without a request
+# By the wall where that paces time, else of the network: of reports in the background
 LINKS_PERIOD_S = 1.0  # between two reports of key links to the controller
 ROUTE_PAUSE_S = 0.3  # until the controller is asked again by whom keys can go
 ROUTE_TIMEOUT_S = 3.0  # until it has answered

@@ -1,6 +1,7 @@
 """The waits of the controller: seconds.
 
-Those of sessions are of the network, all others of the wall clock.
+Those of sessions are of the network. Those of fibres and devices are of the wall clock where that
+paces time, and of the network in stepped time, in the background; all others are of the wall clock.
 """
 
 # Beginning and ending
@@ -26,7 +27,7 @@ ASKED_S = 2 * HELD_UP_S  # that a session is asked for, which then is left to it
 # Fibres
 LINK_PERIOD_S = 2.0  # between two announcements of a port
 LINK_FAST_PERIOD_S = 0.2  # the same, of the first ones
-LINK_EXPIRY_S = 7.0  # three periods, and what a busy machine adds
+LINK_EXPIRY_S = 7.0  # three periods, and what a busy machine adds where the wall paces time
 LINK_TTL_S = 120  # until who hears an announcement may forget it
 
 # Hosts' devices

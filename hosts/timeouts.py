@@ -1,6 +1,7 @@
 """The waits of a host's stack and applications: seconds of the network by default.
 
-The same wait has the same time-out in every service. Those that build on others say so.
+The same wait has the same time-out in every service. Those that build on others say so. "By the
+wall" is so where that paces time; stepped, they are of the network.
 """
 
 # Between hosts
@@ -18,10 +19,10 @@ MAX_BLOCK_S = 5.0  # that a block may last, from its first photon to its last
 LIGHT_TIMEOUT_S = 2 * (ANSWER_TIMEOUT_S + MAX_BLOCK_S)  # of two blocks that take turns at a source
 WHOLE_HZ = 1  # of a block of which nobody wants a part: it may last for its pairs at this rate
 HERALD_TIMEOUT_S = ANSWER_TIMEOUT_S + 60.0  # until a station has heralded a block
-DOUBT_S = 0.3  # light that has not come so long after it is due is asked after at its source
-GRACE_S = (
-    0.3  # from the source's word that it has left until the QNIC is asked whether the light is lost
-)
+# Light that is not there so long after it is due is taken for lost. That is time for detectors and
+# gates, and for software where the wall paces time: stepped, it takes none.
+DOUBT_S = 0.3  # then its source is asked after it
+GRACE_S = 0.3  # from the source's word that it has left until the QNIC is asked
 KEY_GRACE_S = 1.0  # the same, from when its last photon is due to be measured
 ARRIVED_TIMEOUT_S = 0.1  # for light that the other end reports as sent
 OUTCOME_TIMEOUT_S = 0.02  # the same, where its measurement was ordered: its outcome is on its way
@@ -44,7 +45,7 @@ UNUSED_S = 90.0  # an order that nobody has asked for so long is of a session th
 # what waits for none: a challenge, and a look.
 DISPATCHER_TIMEOUT_S = 20.0
 
-# Beside the sessions, by the wall
+# Beside the sessions, by the wall; stepped, in the background
 FASTEST_ANNOUNCEMENTS_S = 0.2  # between two at first
 ANNOUNCEMENTS_HELD = 6  # until who has heard one may forget it, in the pauses between two
 CHECK_PERIOD_S = 0.2  # between two looks at a device at work, whose changes are reported then
@@ -53,6 +54,6 @@ FIRST_REPORTS_S = 1.0  # between two to a controller without a subscription, at 
 UNSUBSCRIBED_PERIOD_S = 10.0  # the same, in the end
 SLOWER = 0.25  # a pause to the time that has passed, of what a host repeats until it is found
 
-# Applications, by the wall
+# Applications, by the wall in stepped time, too
 CLOSING_TIMEOUT_S = 2.0  # until the stack has broken off a session whose socket is closed
 LOOK_S = 0.1  # between two looks at the network of a program that waits for a session
