@@ -4,7 +4,6 @@ qmn script examples/fiber_cut.py
 """
 
 import os
-import time
 from concurrent.futures import ThreadPoolExecutor
 
 from qmn.scripting import QuantumNetwork, start
@@ -20,7 +19,7 @@ message = os.urandom(1_000_000)
 with start("ring", switches=4) as network, ThreadPoolExecutor(1) as pool:
     sending = pool.submit(network.send, "alice", "bob", message)
     while not passed(network) and not sending.done():
-        time.sleep(0.01)
+        network.sleep(1e-5)
     print("before:", *(f"{path.hops[0].begin} to {path.hops[-1].end}" for path in network.paths()))
     network.net.configLinkStatus("q1", "q2", "down")
     result = sending.result(90)
