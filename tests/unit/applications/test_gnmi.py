@@ -15,6 +15,7 @@ from pygnmi.client import gNMIclient, gNMIException
 from pygnmi.create_gnmi_path import gnmi_path_generator
 from pygnmi.spec.v080 import gnmi_pb2 as gnmi
 from pygnmi.spec.v080.gnmi_pb2_grpc import add_gNMIServicer_to_server, gNMIStub
+from stepping import SINCE_NS, stepping
 
 import applications.telemetry
 from applications.telemetry.open_config import Fiber, Leaf, Observed, found, leaves
@@ -35,6 +36,7 @@ from qswitch_agent.hardware.optics import (
     Readings,
 )
 from topologies.system.runs.runtime import free_port
+from wire.network_time import NetworkTime
 from wire.optical import ALL_VALID, ANY_PORT, VALID_RX_PWR, PathOptics, PortLight
 
 LIGHT = PortLight(ALL_VALID, 193_100_000, 0, 12_500, 193_100_000, 0, 12_500, 15, -73, 305, 255)
@@ -69,7 +71,7 @@ class Served:
     """A service at a port, on an event loop of its own, and a client's calls."""
 
     def __init__(self) -> None:
-        self.seen = seen()
+        self.seen, self.time = seen(), NetworkTime()
         self.fault: Exception | None = None
         self.port = free_port()
 
@@ -95,7 +97,7 @@ def serving(scene: Served) -> Iterator[Served]:
 
     async def run() -> None:
         server = grpc.aio.server()
-        add_gNMIServicer_to_server(Telemetry(scene.observe), server)
+        add_gNMIServicer_to_server(Telemetry(scene.observe, scene.time), server)
         server.add_insecure_port(f"127.0.0.1:{scene.port}")
         await server.start()
         ready.set()
@@ -136,6 +138,15 @@ def test_a_stock_client_reads_power_loss_photons_and_temperature(served: Served)
     assert told["/interfaces/interface[name=q1-eth2]/state/oper-status"] == "DOWN"
     # From a cut fibre no light comes: no value rather than a wrong one.
     assert POWER.replace("eth1", "eth2") not in told
+
+
+def test_what_is_read_in_stepped_time_is_of_its_instant() -> None:
+    scene = Served()
+    with stepping() as gate:
+        scene.time = gate.time
+        with serving(scene), scene.client() as client:
+            (read,) = client.get(path=["/"], encoding="json")["notification"]
+    assert read["timestamp"] == SINCE_NS
 
 
 def test_json_of_the_ietf_writes_large_numbers_and_fractions_as_strings(served: Served) -> None:
