@@ -61,6 +61,7 @@ class RegisteredService:
     own_light: tuple[Beam, ...] = ()  # if the opener may make the pairs, and keep half of each
     figures: tuple[type[Any], ...] = ()  # subclasses of Figures: what its ends report
     prepares_states: bool = False  # photons that its ends prepare, in place of pairs
+    by_key: bool = False  # keys choose and measure its light, of which blocks may be long
     third: str = "a third host that makes pairs"  # what its source is, if it needs one
     monitors: bool = False  # it watches links, and gives its light back to other sessions
     line: bool = False  # each of several hosts opens a session with the next

@@ -56,6 +56,8 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
 RETURNS: Mapping[Service, Service] = MappingProxyType({Service.SDC_RETURN: Service.SDC})
 # Services of photons that their ends prepare, without pairs.
 PREPARED = frozenset(service for service, each in REGISTERED.items() if each.prepares_states)
+# Services whose light is chosen and measured by keys: its blocks may be long.
+BY_KEY = frozenset(service for service, each in REGISTERED.items() if each.by_key)
 # Link monitors, which the controller begins on idle light.
 MONITORS = frozenset(service for service, each in REGISTERED.items() if each.monitors)
 # Services of lines of hosts, each of which opens a session with the next: they count on from the

@@ -54,7 +54,7 @@ class KeyOptions(ServiceOptions):
     )
     block_pairs: int = option(
         131_072,
-        f"pairs or pulses in a block (131072); {MAX_BLOCK_PAIRS} at most, but of bb84 with a laser",
+        f"pairs or pulses in a block (131072); {MAX_BLOCK_PAIRS} at most, but of bb84 and bbm92",
         metavar="N",
         range=(1, MAX_BLOCK_PULSES),
     )

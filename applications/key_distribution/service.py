@@ -15,6 +15,7 @@ BB84 = RegisteredService(
     ends=f"{ENDS}:BB84",
     figures=(KeyProgress, KeyFigures),
     prepares_states=True,
+    by_key=True,
 )
 BBM92 = RegisteredService(
     name="bbm92",
@@ -23,6 +24,7 @@ BBM92 = RegisteredService(
     light=PAIRS,
     needs={SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
     ends=f"{ENDS}:BBM92",
+    by_key=True,
 )
 E91 = RegisteredService(
     name="e91",

@@ -22,7 +22,7 @@ from qmn.network.checks import FROM_TO, LINE, check_network, check_two_hosts
 from qmn.network.custom_topology import is_custom
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.felt_settings import Felt, checked_settings, everything, felt_by
-from qmn.network.light_checks import analysers_from, check_light, laser_pulses
+from qmn.network.light_checks import analysers_from, check_light, weak_pulses
 from qmn.network.options import NetworkOptions
 from qmn.network.part_options import kind_of_all
 from qmn.options import BadInput, check_ranges
@@ -37,7 +37,7 @@ from wire.light import Role
 from wire.metadata.vocabulary import Service
 from wire.parameters.checks import remedy
 from wire.parameters.physics import BEAM_SPLITTER, Device
-from wire.services import PREPARED, is_heralded, is_relayed, used_parts, uses_source
+from wire.services import BY_KEY, PREPARED, is_heralded, is_relayed, used_parts, uses_source
 from wire.socket_calls import SPLIT
 
 PARTS: tuple[str, ...] = (
@@ -298,7 +298,7 @@ def check_options(options: ServiceOptions, backend: str) -> None:
 def fitting_light(request: ServiceRequest, parts: Description) -> ServiceOptions:
     """Return the session's options with a rate and a size of blocks that every source can make.
 
-    Values that the user named stay. A laser's blocks are long, if few of their pulses may click.
+    Values that the user named stay. Blocks are long, if few of their pulses may click.
     """
     options, rate_hz, block_pairs = request.options, request.rate_hz, request.block_pairs
     sources = [device.source for device in parts.hosts.values() if EMIT in device.features]
@@ -307,7 +307,10 @@ def fitting_light(request: ServiceRequest, parts: Description) -> ServiceOptions
         rate_hz = max(1, int(min(options.rate_hz, slowest)))
     if block_pairs is None:
         block_pairs = min(options.block_pairs, max(1, int(rate_hz * MAX_BLOCK_S)))
-        if is_prepared(request.service) and request.eve is None:
-            pulses = laser_pulses(request.sender, request.receiver, parts, rate_hz)
-            block_pairs = max(block_pairs, pulses)
+        if (service := Service[request.service.upper()]) in BY_KEY and request.eve is None:
+            ends, maker = [request.receiver], request.sender
+            if uses_source(service):
+                ends.append(maker)
+                maker = options.source or parts.source_for(maker)
+            block_pairs = max(block_pairs, weak_pulses(maker, ends, parts, rate_hz))
     return replace(options, rate_hz=rate_hz, block_pairs=block_pairs)

@@ -1,6 +1,6 @@
 """Checks whether a network can have the light that a job needs: who makes its pairs, and ways.
 
-And how much of it arrives, which is what a block of a laser's pulses costs.
+And how much of it arrives, which is what a block of weak pulses costs.
 
 charlie ===== q1 ===== bob      sdc: a source that is neither end, two fibres at bob, and ways of
               `------- alice    fibres and quantum switches between all three
@@ -120,19 +120,22 @@ def _beside(host: str, parts: Description) -> str:
     return min(next(ends, {host}))
 
 
-BLOCK_PHOTONS = 50_000  # of a laser that may click
+BLOCK_PHOTONS = 50_000  # of weak light that may click at one host
 
 
-def laser_pulses(opener: str, acceptor: str, parts: Description, rate_hz: int) -> int:
-    """Return how many pulses of a laser make a good block, of one second at most.
+def weak_pulses(maker: str, ends: Collection[str], parts: Description, rate_hz: int) -> int:
+    """Return how many pulses of weak light make a good block, of one second at most.
 
     0: all of them have to be simulated.
     """
-    source, detectors = parts.hosts[opener].source, parts.hosts[acceptor].detectors
-    laser = source.statistics == "poisson" and not source.heralding_efficiency and not source.noise
-    if not laser or detectors.noise or any(_draws_all(source.encoding, parts)):
+    source = parts.hosts[maker].source
+    heralded = source.heralding_efficiency and len(ends) == 1  # of pairs no half heralds the other
+    weak = source.statistics == "poisson" and not heralded and not source.noise
+    noises = (parts.hosts[end].detectors.noise for end in ends)
+    if not weak or any(noises) or any(_draws_all(source.encoding, parts)):
         return 0
-    photons = source.mean_pairs * 10 ** (-loss_to_click(opener, acceptor, parts) / 10)
+    least_db = min(loss_to_click(maker, end, parts) for end in ends)
+    photons = source.mean_pairs * 10 ** (-least_db / 10)
     return int(min(rate_hz, BLOCK_PHOTONS / photons if photons else math.inf))
 
 

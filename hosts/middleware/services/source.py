@@ -13,7 +13,7 @@ from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import HardwareError
 from hosts.middleware.session.errors import SessionError, unexpected
-from hosts.middleware.session.options import MAX_BLOCK_PAIRS
+from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_BLOCK_PULSES
 from hosts.middleware.session.protocol import (
     Collect,
     HearNext,
@@ -78,8 +78,10 @@ def make_pairs(
 
 
 def _check(setup: Setup, request: Emit) -> None:
-    if not 0 < request.pairs <= MAX_BLOCK_PAIRS:
-        text = f"a block of {request.pairs} pairs: choose 1 to {MAX_BLOCK_PAIRS} (block_pairs)"
+    counted = setup.memory in (MemoryState.HERALDED, MemoryState.RELAYED)
+    most = MAX_BLOCK_PAIRS if counted else MAX_BLOCK_PULSES
+    if not 0 < request.pairs <= most:
+        text = f"a block of {request.pairs} pairs: choose 1 to {most} (block_pairs)"
         raise SessionError(Reason.UNSUPPORTED, text)
     if not 0 < request.rate_hz <= setup.rate_hz:
         text = f"{request.rate_hz} pairs a second: {setup.rate_hz} at most were granted"

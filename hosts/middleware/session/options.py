@@ -7,13 +7,14 @@ from hosts.middleware.session.errors import SessionError
 from hosts.timeouts import MAX_BLOCK_S
 from wire.device import OF_LIGHT, DeviceSettings
 from wire.metadata.setup import Setup
-from wire.metadata.vocabulary import Handshake, Reason
+from wire.metadata.vocabulary import Handshake, Reason, Service
 from wire.parameters.checks import check_names, check_number
 from wire.parameters.option import check_options, option, recorded_as
+from wire.services import BY_KEY
 
 MAX_FRAME_BYTES = 1 << 16
 MAX_BLOCK_PAIRS = 1 << 18
-MAX_BLOCK_PULSES = 4_000_000_000  # of a laser, of which few are detected
+MAX_BLOCK_PULSES = 4_000_000_000  # of weak light, of which few are detected
 MIN_BLOCK_PAIRS = 4
 MAX_RATE_HZ = 4_000_000_000
 
@@ -75,6 +76,11 @@ def overridden(setup: Setup, settings: DeviceSettings) -> Setup:
 MAX_COUNT = 100_000_000
 MOST_PRIORITY = 255
 LATEST_MS = 3_600_000
+
+
+def most_in_block(service: Service) -> int:
+    """Return how many pairs or pulses a block may have; a source does not know what for."""
+    return MAX_BLOCK_PULSES if service in BY_KEY | {Service.PAIR_SOURCE} else MAX_BLOCK_PAIRS
 
 
 @dataclass(frozen=True)

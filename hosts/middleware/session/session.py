@@ -24,7 +24,7 @@ from hosts.middleware.session.ends import (
 from hosts.middleware.session.errors import SessionError, SilentPeer, unexpected
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.offers import at_wavelength, check_light
-from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_BLOCK_PULSES, SessionOptions
+from hosts.middleware.session.options import SessionOptions, most_in_block
 from hosts.middleware.session.values import Lifetimes
 from hosts.timeouts import IDLE_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.features import NOTHING, NodeFeatures
@@ -32,7 +32,7 @@ from wire.light import Role
 from wire.metadata.blocks import Finish
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import Handshake, MemoryState, Reason, Service
-from wire.services import PREPARED, Making, fibers_needed, uses_source
+from wire.services import Making, fibers_needed, uses_source
 
 CERTAIN_PPM = 1_000_000
 
@@ -239,8 +239,7 @@ def check_asked(setup: Setup, handshakes: Sequence[Handshake]) -> None:
         text += f"{Handshake(setup.handshake).name}: choose "
         text += " or ".join(handshake.name for handshake in handshakes)
         raise SessionError(Reason.UNSUPPORTED, text)
-    pulses = service in PREPARED and not uses_source(service)
-    most = MAX_BLOCK_PULSES if pulses else MAX_BLOCK_PAIRS
+    most = most_in_block(service)
     if setup.pairs > most:
         text = f"blocks of {setup.pairs} pairs: choose 1 to {most} (block_pairs)"
         raise SessionError(Reason.UNSUPPORTED, text)

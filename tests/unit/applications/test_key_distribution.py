@@ -440,3 +440,23 @@ def test_decoys_bring_a_key_where_weak_pulses_alone_bring_none(tmp_path: Path) -
     secret = alice["single_photon_fraction"] * (sifted - tested)
     assert 0 < alice["key_bits"] <= secret - alice["leaked_bits"] - 128 + 1
     assert "intensities nobody knows" in alice["assumed"]
+
+
+def test_long_blocks_of_weak_pairs_make_a_key(tmp_path: Path) -> None:
+    """Mean m, transmission t of either way: 1 - 2 e^-mt + e^-m(2t - tt) of pulses click twice.
+
+    Half of these err, but for pulses of one pair alone of all that either end has seen.
+    """
+    mean, passes, pulses = 0.02, 0.1, 4_000_000
+    physics = {"devices": {"charlie": Device(PairSource("poisson", mean))}, "connectors_db": 5.0}
+    options: dict[str, Any] = {"block_pairs": pulses, "rate_hz": 1_000_000_000, "count": 2_000}
+    alice, bob = distribute(tmp_path, "bbm92", physics=physics, bound="asymptotic", **options)
+    dark, left = exp(-mean * passes), mean * passes * (2 - passes)
+    twice, alone = 1 - 2 * dark + exp(-left), mean * passes**2 * exp(-left)
+    clicks = alice["photons"] * (1 - dark)
+    assert abs(bob["raw_bits"] - clicks) < 5 * sqrt(clicks)
+    sifted = alice["photons"] * twice / 2
+    assert abs(alice["sifted_bits"] - sifted) < 5 * sqrt(sifted)
+    error, sample = (1 - alone / twice) / 2, alice["disclosed_bits"]
+    assert abs(alice["qber"] - error) < 5 * sqrt(error * (1 - error) / sample)
+    assert alice["key_bits"] == bob["key_bits"] > 0

@@ -284,7 +284,7 @@ def test_more_than_any_source_makes_is_refused_before_anything_is_sent(
 ) -> None:
     if service == "sdc":
         options = {name: value for name, value in options.items() if name != "count"}
-    if service == "bb84" and "count" not in options and options.get("block_pairs"):
+    if service in ("bb84", "bbm92") and "count" not in options and options.get("block_pairs"):
         options = {"block_pairs": MAX_BLOCK_PULSES + 1}
     alice, bob = happens(tmp_path, service, options)
     assert words in alice.text

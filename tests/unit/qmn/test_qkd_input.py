@@ -160,3 +160,32 @@ def test_a_block_of_a_laser_is_as_long_as_little_of_it_may_click(
 ) -> None:
     request, _network = checked(parse(*LASER, *words))
     assert request.options.block_pairs == pulses
+
+
+OF_PAIRS = [
+    *("qkd", "--protocol", "bbm92", "--rate-hz", "1000000000"),
+    *("--device", "charlie.source.statistics=poisson"),
+    *("--device", "charlie.source.mean_pairs=0.05"),
+    *("--fiber", "alice-q1.connectors_db=10", "--fiber", "q1-bob.connectors_db=20"),
+]
+
+
+@pytest.mark.parametrize(
+    ("words", "pulses"),
+    [
+        ((), 9_999_999),  # of 0.05 pairs; 50,000 of them come through 10 dB to alice
+        (("--device", "alice.detectors.efficiency=0.05"), 100_000_000),  # as many to bob
+        (("--device", "alice.detectors.efficiency=0.2"), 49_999_999),
+        (("--fiber", "charlie-q1.connectors_db=30"), 1_000_000_000),  # a second
+        (("--fiber", "q1-bob.pdl_db=0.1"), BY_DEFAULT),
+        (("--eve", "0.1"), BY_DEFAULT),
+        (("--block-pairs", "4000000000"), 4_000_000_000),
+        (("--device", "charlie.source.statistics=thermal"), BY_DEFAULT),
+        (("--protocol", "e91"), BY_DEFAULT),
+    ],
+)
+def test_a_block_of_pairs_is_as_long_as_little_of_it_may_click(
+    words: tuple[str, ...], pulses: int
+) -> None:
+    request, _network = checked(parse(*OF_PAIRS, *words))
+    assert request.options.block_pairs == pulses
