@@ -33,6 +33,7 @@ from wire.features import HERALD
 from wire.optical import DEFAULT_FREQUENCY_MHZ
 from wire.outcomes import BELL_STATES
 
+MOST_ATTEMPTS = (1 << 32) - 1  # of a block: a switch's frame counts no more
 NEVER_NS = 1 << 63  # so far no clock gets
 # The state of each half without entanglement, by kind; shape (kinds, 2).
 BITS = np.array([[0, 0] if kind == ENTANGLED else [*map(int, kind)] for kind in KINDS], np.uint8)
@@ -93,7 +94,9 @@ class Heralding:
         one, other = (self._path(node, *each) for each in zip(offers, ports, strict=True))
         link = self._link(node, offers, (one, other))
         self._require_capacity(offers, count)
-        rounds, first = (max(round(each_s * 1e9) // link.period_ns, 1) for each_s in limits_s)
+        most = MOST_ATTEMPTS // link.modes
+        longest = (round(each_s * 1e9) // link.period_ns for each_s in limits_s)
+        rounds, first = (max(min(each, most), 1) for each in longest)
         drawing = Drawing(layer, node, link, [offer.name for offer in offers])
         heralded, used = await drawing.draw(count, rounds, first)
         block = None

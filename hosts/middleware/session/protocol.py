@@ -81,13 +81,19 @@ from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Stored
 from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.values import Lifetimes, Numbers, expect, values
-from hosts.timeouts import ANSWER_TIMEOUT_S, GRACE_S, IDLE_TIMEOUT_S, LIGHT_TIMEOUT_S
+from hosts.timeouts import (
+    ANSWER_TIMEOUT_S,
+    GRACE_S,
+    IDLE_TIMEOUT_S,
+    LIGHT_TIMEOUT_S,
+    WHOLE_HZ,
+)
 from wire.features import NodeFeatures
 from wire.metadata.blocks import Finish
 from wire.metadata.header import Message
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.values import Topic, Values
-from wire.metadata.vocabulary import Reason
+from wire.metadata.vocabulary import MemoryState, Reason
 from wire.results.figures import Figures
 
 Light = NewType("Light", object)  # under way; opaque but for the performer
@@ -349,7 +355,9 @@ class Side:
         self, begins: bool = False, apart: Collection[int] = ()
     ) -> Steps[Values | None]:
         """Return the opener's next numbers; None at the end of the session."""
-        message = yield HearNext(begins, apart=apart)
+        heralded = self.setup.memory == MemoryState.HERALDED
+        block_s = self.setup.pairs / WHOLE_HZ if heralded else 0.0
+        message = yield HearNext(begins, IDLE_TIMEOUT_S + block_s, apart)
         if isinstance(message, Finish):
             return None
         if not isinstance(message, Values):

@@ -191,6 +191,18 @@ def test_no_more_is_heralded_than_time_allows() -> None:
     scene(act, device)
 
 
+def test_a_block_ends_with_as_many_attempts_as_its_report_counts() -> None:
+    """One in 2 x 10^10 is heralded: a day of 10 km has 9 x 10^8 rounds of 100 at a time."""
+    device = Device(emitter=Emitter("two-click", efficiency=1e-5, modes=100))
+
+    async def act(laboratory: Laboratory) -> None:
+        bell_states, attempts, _took_s = await heralded(laboratory, 9, timeout_s=86_400.0)
+        assert bell_states.size < 9
+        assert (1 << 32) - 1 - 100 < attempts < 1 << 32
+
+    scene(act, device)
+
+
 def test_a_block_without_pairs_goes_on_until_its_first() -> None:
     """Attempts up to a first herald are 1/p in the mean, and their sum varies by sqrt(n)/p."""
     chance, blocks = 0.007**2 / 2, 100  # 15 of them in the minute that the first may take
