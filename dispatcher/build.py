@@ -16,6 +16,7 @@ from typing import TextIO
 from dispatcher.clock import Clock
 from dispatcher.devices.detectors import ClickObserver
 from dispatcher.devices.hardware import Devices
+from dispatcher.layer.compensation import Compensation
 from dispatcher.layer.history import MOST_EVENTS, EventCapture, History
 from dispatcher.layer.journal import Journal
 from dispatcher.layer.layer import PhysicalLayer
@@ -78,15 +79,16 @@ def build_layer(
     if unknown := config.devices.keys() - config.tokens.keys():
         raise BadConfig(f"devices of {', '.join(sorted(unknown))}: there are no such hosts")
     sabot, draws = sabot or Sabot(BACKENDS[config.backend]), Draws(config.seed)
-    news = NewsDelays(config.news_s)
+    news, compensation = NewsDelays(config.news_s), Compensation(devices, draws)
     return PhysicalLayer(
         clock=clock,
         sabot=sabot,
         draws=draws,
-        network=Network(config.fibers, config.switches),
+        network=Network(config.fibers, config.switches, compensation.loss),
         ownership=Ownership(clock.now_ns, news.longest_ns),
         history=_history(config, event_log, capture, writing_delay_s),
         devices=hardware,
+        compensation=compensation,
         memories=Memories(hardware, clock, sabot, draws),
         max_live_qubits=config.max_live_qubits,
         share=equal_share(config, config.max_live_qubits, LEAST_SHARE),

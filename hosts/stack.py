@@ -80,7 +80,9 @@ class Stack:
         )
         self._cut_off(None)
         self.active_sessions = ActiveSessions()
-        self.device = Device(lambda: read_ports(config.qnics), cut_off=self._cut_off)
+        self.device = Device(
+            lambda: read_ports(config.qnics), cut_off=self._cut_off, compensate=self._compensate
+        )
         self.applications = ApplicationsPort(
             self.request, qnic.watch, self.intercept, self._opening
         )
@@ -97,6 +99,13 @@ class Stack:
         self._qnic.cutoff_s = cutoff_s
         lifetimes = self._resources.lifetimes._replace(cutoff_s=cutoff_s)
         self._resources = replace(self._resources, lifetimes=lifetimes)
+
+    def _compensate(self, every_s: int | None) -> None:
+        """Have the compensator look so often, as its device says if nothing is set."""
+        if not self._config.compensates:
+            text = "no compensator here: give the host's device compensator.retarders, 3 or 4"
+            raise SessionError(Reason.UNSUPPORTED, text)
+        self._qnic.compensate(every_s)
 
     def request(self, fields: dict[str, Any], number: int | None = None) -> OpeningSession:
         """Prepare a session of a service; raise SessionError for what cannot be asked.

@@ -155,6 +155,7 @@ class HostConfig(Config):
     # colour passes.
     channels_mhz: dict[str, int] = field(default_factory=dict)
     cutoff_s: float = Device().memory.cutoff_s
+    compensates: bool = False  # whether its device has a compensator
     announcement_period_s: float = PERIOD_S  # of its fibres, as soon as the controller has found it
     credentials: Credentials | None = None  # the dispatcher is reached by TLS
 

@@ -46,8 +46,10 @@ RANGES = {
     "interleave": (0, 1),
     "wavelength_pm": (1_000_000, 2_000_000),
     "cutoff_us": (1, (1 << 32) - 2),
+    "compensate_s": (1, 1_000_000_000),
 }
-OF_LIGHT = tuple(name for name in RANGES if name != "cutoff_us")  # what sessions ask for
+OF_HOSTS = ("cutoff_us", "compensate_s")
+OF_LIGHT = tuple(name for name in RANGES if name not in OF_HOSTS)  # what sessions ask for
 NAMED: dict[str, Mapping[str, int]] = {
     "fec": FEC_NAMES,
     "interleave": {"off": 0, "on": 1},
@@ -69,6 +71,7 @@ class DeviceSettings:
     interleave: int | None = None  # 1: spread its codewords
     wavelength_pm: int | None = None
     cutoff_us: int | None = None  # what its memory has kept for longer is dropped
+    compensate_s: int | None = None  # between looks of its polarisation compensator
 
 
 def check_settings(settings: DeviceSettings) -> None:

@@ -63,6 +63,7 @@ rate_hz = 1_000_000
 fec = "golay"               # or its number, as in wire.metadata.vocabulary.Fec
 interleave = true
 cutoff_us = 5000            # its memory drops what is older
+compensate_s = 60           # its polarisation compensator looks at its reference so often
 
 [report]                    # when devices tell their state: see wire.device.Subscribe
 period_s = 1.0

@@ -19,7 +19,7 @@ from dispatcher.fiber.polarization_modes import (
     PolarizationDependentLoss,
     PolarizationModeDispersion,
 )
-from wire.parameters.fiber import FiberOptics
+from wire.parameters.fiber import COMPENSATED, FiberOptics
 from wire.parameters.switch import QuantumSwitch
 
 PS_PER_S_AND_PPM = 1e6
@@ -70,7 +70,7 @@ def _models(optics: FiberOptics) -> Iterator[NoiseModel]:
     if drift_rad > 0:
         yield PhaseDrift(drift_rad, optics.phase_drift_time_s)
     turn_rad = optics.polarization_drift_rad_per_sqrt_km * math.sqrt(optics.length_km)
-    if turn_rad > 0:
+    if turn_rad > 0 and optics.birefringence != COMPENSATED:
         yield PolarizationDrift(turn_rad, optics.polarization_drift_time_s)
     if optics.pdl_db > 0:
         yield PolarizationDependentLoss(optics.pdl_db)

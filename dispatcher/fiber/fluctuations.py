@@ -73,13 +73,23 @@ class PolarizationDrift:
         return max(int(np.ceil((self.rms_rad / MOST_OF_A_PIECE) ** 2)), 1)
 
     def effect(self, passage: Passage) -> Effect:
-        rms_rad = self.rms_rad / np.sqrt(3 * self.pieces)
-        starts, vectors = wander(passage, rms_rad, self.time_s, 3 * self.pieces)
-        turns = of_vectors(vectors.reshape(starts.size, self.pieces, 3))
+        process = self.rms_rad / np.sqrt(3 * self.pieces), self.time_s, 3 * self.pieces
+        looks_ns, history = passage.looks_ns, passage.history
+        _wander_to(passage, looks_ns, *process)
+        starts, vectors = wander(passage, *process)
+        looked = None
+        if looks_ns.size and history.latest_ns is not None:
+            looked = self._whole(history.at(looks_ns))
+        turn = Turn(starts, self._whole(vectors), looked)
+        return Effect(turn=turn, exact=False, named=approximation(TURN, 0.0))
+
+    def _whole(self, vectors: Values) -> Values:
+        """Compose the turns of the pieces, shape (n, 3 pieces), to quaternions, shape (n, 4)."""
+        turns = of_vectors(vectors.reshape(-1, self.pieces, 3))
         whole = turns[:, 0]
         for piece in range(1, self.pieces):
             whole = product(turns[:, piece], whole)
-        return Effect(turn=Turn(starts, whole), exact=False, named=approximation(TURN, 0.0))
+        return whole
 
 
 @dataclass(frozen=True)
@@ -205,11 +215,27 @@ def wander(
     return starts, values
 
 
+def _wander_to(
+    passage: Passage, looks_ns: NDArray[np.int64], rms: float, time_s: float, components: int
+) -> None:
+    """Evaluate such processes at looks between the latest values and the first photon."""
+    history, latest_ns = passage.history, passage.history.latest_ns
+    for look_ns in looks_ns[looks_ns < passage.schedule.first_ns]:
+        if latest_ns is None or look_ns > latest_ns:
+            at, purpose = np.array([look_ns]), f"look {look_ns}"
+            history.remember(at, _wander_on(passage, at, rms, time_s, components, purpose))
+
+
 def _wander_on(
-    passage: Passage, times_ns: NDArray[np.int64], rms: float, time_s: float, components: int
+    passage: Passage,
+    times_ns: NDArray[np.int64],
+    rms: float,
+    time_s: float,
+    components: int,
+    purpose: str = "step",
 ) -> Values:
     """Return the components at new times, shape (s, components)."""
-    drawn = passage.generator("step").standard_normal((times_ns.size, components))
+    drawn = passage.generator(purpose).standard_normal((times_ns.size, components))
     values: Values = drawn * rms
     if not times_ns.size:
         return values

@@ -25,6 +25,7 @@ from dispatcher.photon_random import PhotonRandom, Source
 
 Times = NDArray[np.int64]
 Values = NDArray[np.float64]
+NO_TIMES: Times = np.zeros(0, np.int64)
 
 
 class NoiseHistory:
@@ -70,8 +71,13 @@ class NoiseHistory:
 
     def at(self, times_ns: Times) -> Values:
         """Return what held at these ascending times, shape (k,); the first value before it."""
-        since_ns = np.concatenate([times for times, _values in self._chunks])
-        values = np.concatenate([values for _times, values in self._chunks])
+        chunks: deque[tuple[Times, Values]] = deque()
+        for chunk in reversed(self._chunks):
+            chunks.appendleft(chunk)
+            if chunk[0][0] <= times_ns[0]:
+                break
+        since_ns = np.concatenate([times for times, _values in chunks])
+        values = np.concatenate([values for _times, values in chunks])
         first, last = since_ns.searchsorted(times_ns[[0, -1]], side="right")
         during = slice(max(first - 1, 0), max(last, 1))
         begins = times_ns.searchsorted(since_ns[during])
@@ -199,10 +205,12 @@ class Passage(PhotonRandom):
         schedule: Schedule,
         history: NoiseHistory,
         width_rad_per_s: float = 0.0,
+        looks_ns: Times = NO_TIMES,
     ) -> None:
         super().__init__(draws, block, place, schedule.photons)
         self.schedule, self.history = schedule, history
         self.width_rad_per_s = width_rad_per_s  # rms; 0: of one colour
+        self.looks_ns = looks_ns  # ascending: of compensators, at reference light in this fibre
 
     @property
     def times_ns(self) -> NDArray[np.int64]:

@@ -25,6 +25,8 @@ class Turn:
 
     starts: NDArray[np.int64]  # ascending, the first is 0
     quaternions: Quaternions
+    # What reference light has met, at each look of a flight: shape (n, 4); None: the identity.
+    looked: Quaternions | None = None
 
     def stretch(self, photons: NDArray[np.int64]) -> NDArray[np.int64]:
         return self.starts.searchsorted(photons, side="right") - 1
@@ -35,11 +37,17 @@ class Turn:
             return self
         starts = np.union1d(self.starts, earlier.starts)
         mine, theirs = (each.quaternions[each.stretch(starts)] for each in (self, earlier))
-        return Turn(starts, product(mine, theirs))
+        looked = self.looked
+        if looked is None or earlier.looked is None:
+            looked = earlier.looked if looked is None else looked
+        else:
+            looked = product(looked, earlier.looked)
+        return Turn(starts, product(mine, theirs), looked)
 
     def behind(self, pauli: int) -> "Turn":
         """Return the turn that follows a Pauli as this one comes before it: P T = T' P."""
-        return Turn(self.starts, self.quaternions * SIGNS[pauli])
+        looked = None if self.looked is None else self.looked * SIGNS[pauli]
+        return Turn(self.starts, self.quaternions * SIGNS[pauli], looked)
 
 
 STILL = Turn(np.zeros(1, np.int64), np.array([[1.0, 0.0, 0.0, 0.0]]))

@@ -10,6 +10,7 @@ from dispatcher.clock import Clock
 from dispatcher.devices.detectors import ClickObserver
 from dispatcher.devices.hardware import Devices
 from dispatcher.layer import extra_pairs
+from dispatcher.layer.compensation import Compensation
 from dispatcher.layer.history import History
 from dispatcher.layer.journal import Journal, asked_ns
 from dispatcher.layer.memory import Memories
@@ -35,6 +36,7 @@ class PhysicalLayer:
     ownership: Ownership
     history: History
     devices: Devices
+    compensation: Compensation
     memories: Memories
     max_live_qubits: int
     share: int  # of these, for what one node has made

@@ -1,7 +1,7 @@
 """Fibres and quantum switches, and which port light comes to from which."""
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -46,8 +46,14 @@ class Line:
 class Network:
     """Where each port's fibre leads to."""
 
-    def __init__(self, fibers: list[Fiber], switches: list[QuantumSwitch]) -> None:
-        """Lay the fibres; raise BadConfig or BadParameter for what cannot be."""
+    def __init__(
+        self,
+        fibers: list[Fiber],
+        switches: list[QuantumSwitch],
+        entrance: Callable[[str], NoiseModel | None] = lambda _node: None,
+    ) -> None:
+        """Lay the fibres, to entrances of nodes; raise BadConfig or BadParameter."""
+        self._entrance = entrance
         self._lines: dict[FiberEnd, Line] = {}
         # By fibre and by where its light comes out: what is in each of its channels.
         self._strands: defaultdict[tuple[str, str], dict[int, Traffic]] = defaultdict(dict)
@@ -126,6 +132,8 @@ class Network:
         self, near: FiberEnd, far: FiberEnd, fiber: Fiber, noise: dict[str, NoiseModel]
     ) -> Line:
         """Return a fibre in one direction; its channels' crosstalk is where light comes out."""
+        if (entrance := self._entrance(far.node)) is not None:
+            noise = {**noise, type(entrance).__name__: entrance}
         if fiber.channels == 1 or fiber.channel_crosstalk_db is None:
             return Line(near, far, fiber, noise)
         strand = self._strands[fiber.strand, far.node]

@@ -17,10 +17,11 @@ from dispatcher.fiber.fluctuations import ThermalDrift
 from dispatcher.fiber.noise import Effect, Passage, Z
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
-from dispatcher.refusal import invalid
+from dispatcher.refusal import invalid, precondition
 from dispatcher.switch.timeline import Steps
-from wire.dispatcher_pb2 import AdjustFiberRequest
-from wire.parameters.physics import BadParameter
+from wire.dispatcher_pb2 import AdjustFiberRequest, CompensateRequest, Feedback
+from wire.parameters.checks import check_number
+from wire.parameters.physics import INTERVALS, BadParameter
 
 X = 1
 
@@ -71,14 +72,31 @@ def adjust(layer: PhysicalLayer, _node: str, request: AdjustFiberRequest) -> int
 
 
 def _calibrate(layer: PhysicalLayer, lines: Iterable[Line]) -> None:
-    """Compensate each path's delay of this moment, so that it drifts from here."""
+    """Compensate each path's delay and turn of this moment, so that both drift from here."""
     now_ns = layer.clock.now_ns()
+    lines = list(lines)
+    for host in {line.far.node for line in lines}:
+        if layer.compensation.of(host) is not None:
+            layer.compensation.look_now(host, now_ns)
     for line in lines:
         layer.record(line.near.node, "calibrate", port=line.near.port, time_ns=now_ns)
         for name, model in line.noise.items():
             if isinstance(model, ThermalDrift):
                 history = layer.history.of_model(line.near.node, line.near.port, name)
                 history.remember(np.array([now_ns]), np.zeros(1))
+
+
+def compensate(layer: PhysicalLayer, node: str, request: CompensateRequest) -> Feedback:
+    """Have the compensator of a host look now, and from then on at an interval."""
+    if layer.compensation.of(node) is None:
+        raise precondition(f"{node} has no compensator: give it compensator.retarders, 3 or 4")
+    every_s = request.every_s if request.HasField("every_s") else None
+    if every_s is not None:
+        check_number("every_s", every_s, *INTERVALS, invalid)
+    now_ns = layer.clock.now_ns()
+    interval_s = layer.compensation.look(node, now_ns, every_s)
+    layer.record(node, "tune", detail=f"compensator: looks every {interval_s:g} s")
+    return Feedback(time_ns=now_ns, exact=True)
 
 
 def _illuminate(layer: PhysicalLayer, lines: Iterable[Line], power_mw: float) -> None:

@@ -9,6 +9,7 @@ and applied when it arrives.
 import heapq
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import count
 
 import numpy as np
@@ -20,8 +21,9 @@ from dispatcher.fiber.custom_noise import OwnNoise, of_all
 from dispatcher.fiber.fiber_noise import meets, obstacle
 from dispatcher.fiber.noise import MEMORYLESS, Effect, NoiseModel, Passage, Pattern, Schedule
 from dispatcher.fiber.polarization_modes import PolarizationDependentLoss, effect_on
-from dispatcher.fiber.turn import Turn
+from dispatcher.fiber.turn import STILL, Turn
 from dispatcher.layer import drift, extra_pairs, pulses
+from dispatcher.layer.compensation import every_look
 from dispatcher.layer.device_noise import Channels
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
@@ -98,6 +100,8 @@ class Flight:
         self.ended = list[Block]()  # parts of the block that came out nowhere
         self.lost = 0
         self.known_ns = departure.last_ns  # when news is back from where light has ended
+        self._start = FiberEnd("", "")
+        layer.compensation.light_begins(departure.start_ns)
 
     @property
     def start_ns(self) -> int:
@@ -107,7 +111,13 @@ class Flight:
     def due_ns(self) -> float:
         return self._queue[0][0] if self._queue else math.inf
 
+    @cached_property
+    def _looks(self) -> dict[str, NDArray[np.int64]]:
+        """Return the looks of compensators that this light can tell; asked for when it has left."""
+        return self._layer.compensation.looks(self.start_ns, self._departure.last_ns)
+
     def launch(self, end: FiberEnd) -> None:
+        self._start = end
         members = _every_pulse(self._block)
         self._enter(end, Beam(self._block, members, self._block.fibers_passed))
 
@@ -140,6 +150,8 @@ class Flight:
             if beam.members.size < beam.block.register.size:  # its photons were drawn meanwhile
                 beam.members = _every_pulse(beam.block)
             self._pass(beam, line)
+            if self._layer.compensation.of(line.far.node) is not None and beam.block.weak is None:
+                self._compensate(beam, line.far)
             switch = self._layer.network.switches.get(line.far.node)
             if _is_lit(beam):
                 if switch is None:
@@ -197,7 +209,9 @@ class Flight:
         beam.applied, beam.rotation = beam.noise, 0
         if beam.turn is not None:
             channels.turn(beam.turn, beam.members)
-            beam.turn = None
+            looked, beam.turn = beam.turn.looked, None
+            if looked is not None:
+                beam.turn = replace(STILL, looked=looked)
         channels.settle_angles(beam.members)
         channels.act(operators, beam.members)
 
@@ -315,8 +329,11 @@ class Flight:
         models = {name: each for name, each in line.noise.items() if meets(encoding, each)}
         if block.weak is not None:
             models = {name: weak_light.steady(each, schedule) for name, each in models.items()}
-        if not self._draw_for(beam, obstacle(encoding, models.values())):
+        disturbed = self._layer.compensation.disturbs(line.far.node)
+        cause = obstacle(encoding, models.values()) or "a compensator" * disturbed
+        if not self._draw_for(beam, cause):
             return
+        looks_ns = every_look(self._looks)
         for name, model in models.items():
             history = self._layer.history.of_model(line.near.node, line.near.port, name)
             place = block.draws_for(f"fiber {beam.fibers_passed} {name}")
@@ -325,7 +342,9 @@ class Flight:
                 random = PhotonRandom(draws, block.name, place, block.size)
                 self.lost += weak_light.meet(block.weak, model, random)
                 continue
-            passage = Passage(draws, block.name, place, schedule, history, width_rad_per_s)
+            passage = Passage(
+                draws, block.name, place, schedule, history, width_rad_per_s, looks_ns
+            )
             effect, of_extra_pairs = _effects(encoding, model, passage, block.extra_pairs)
             where = f"in the fibre to {line.far.port} of {line.far.node}"
             cause = f"{type(model).__name__} {where}"
@@ -349,6 +368,23 @@ class Flight:
                 extra_pairs.meet(self._layer.sabot, block, beam.members, of_extra_pairs)
             if effect.kraus is not None:
                 self._meet_channel(beam, effect.kraus, place, f"noise {where}")
+
+    def _compensate(self, beam: Beam, end: FiberEnd) -> None:
+        """Let light meet the compensator at the end of its path."""
+        layer, block = self._layer, beam.block
+        in_bins = block.pulses.encoding != "polarization"
+        turn, leaves = beam.polarization if in_bins else beam.turn, self._departure.after(0.0)
+        path = self._start, end
+        corrects, dark, detail = layer.compensation.correct(path, self._looks, turn, leaves)
+        if corrects is not None and in_bins:
+            beam.polarization = corrects.after(turn)
+        elif corrects is not None:
+            beam.turn = corrects.after(turn)
+        if dark is not None:
+            self._lose(block, dark & beam.members, f"interrupted by the compensator of {end.node}")
+            extra_pairs.darken(layer.sabot, block, dark & beam.members)
+        if detail:
+            layer.record(end.node, "compensate", block, end.port, detail)
 
     def _chance(self, place: str) -> PhotonRandom:
         block, photons = self._block, self._departure.pattern.photons

@@ -12,7 +12,7 @@ from google.protobuf.message import Message
 
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import BlockName
-from dispatcher.operations.adjustment import adjust
+from dispatcher.operations.adjustment import adjust, compensate
 from dispatcher.operations.analysers import Analysers, Reports, Tasks
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.eavesdropping import Resending, Splitting
@@ -81,6 +81,7 @@ class RequestTable:
             "split": Row(messages.SplitRequest, Splitting(layer).split),
             "tell": Row(messages.TellRequest, self._on_layer(tell)),
             "sense": Row(messages.SenseRequest, self._on_layer(sense)),
+            "compensate": Row(messages.CompensateRequest, self._on_layer(compensate)),
             # not steps of an order
             "look": Row(messages.LookRequest, self._on_layer(look)),
             "cross_connect": Row(messages.CrossConnectRequest, self.switching.cross_connect),

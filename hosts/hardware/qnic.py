@@ -32,6 +32,7 @@ from hosts.hardware.replies import (
 )
 from wire.analyser_frames import LocalGate
 from wire.dispatcher_pb2 import (
+    CompensateRequest,
     CreateRequest,
     Gate,
     MeasureRequest,
@@ -48,6 +49,7 @@ log = logging.getLogger("qnic")
 Positions = NDArray[np.integer]
 LEFT_ALONE = 255  # instead of a basis
 MAX_STEPS = 64  # in one order
+NO_SESSION = 0
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,10 @@ class Qnic(PairLight):
         turns = Gate(name=Gate.RY, angles_rad=theta), Gate(name=Gate.RZ, angles_rad=phi)
         await self.perform(Step(create=zeros), steps.apply(name, None, *turns))
         return name
+
+    def compensate(self, every_s: float | None) -> None:
+        """Have the compensator look now, and from then on so often; None: as its device says."""
+        self.begin(NO_SESSION, Step(compensate=CompensateRequest(every_s=every_s)))
 
     async def send(self, block: BlockName, port: str, rate_hz: int, wavelength_pm: int) -> int:
         """Send photons of this host into a port; return when (ns) the first one left.

@@ -146,6 +146,9 @@ class Device:
     changed: Callable[[], None] = lambda: None  # called when more than counts may have changed
     alarmed: Callable[[], None] = lambda: None  # called when a seal has found somebody
     cut_off: Callable[[int | None], None] = lambda _us: None  # the memory; None: by its own default
+    compensate: Callable[[int | None], None] = lambda _s: (
+        None
+    )  # from now on so often; None: the same
     _opened: list[Opened] = field(default_factory=list)
     _accepted: list[Counted] = field(default_factory=list)
     _serving: int = 0
@@ -167,6 +170,8 @@ class Device:
         if settings.fec is not None and settings.fec not in CODES:
             text = f"fec {settings.fec} is not known: choose one of {', '.join(NAMES)}"
             raise SessionError(Reason.UNSUPPORTED, text)
+        if settings.compensate_s != self.settings.compensate_s:
+            self.compensate(settings.compensate_s)
         self.settings = settings
         self.cut_off(settings.cutoff_us)
 

@@ -44,8 +44,12 @@ GATES = _of("gates") - READOUT - PROGRAMS
 PAULIS: Settings = frozenset(
     f"gates.{name}" for name in ("one_qubit_depolarizing", "one_qubit_s", "noise")
 ) | {"gates.noise_parameters"}
-KEEPING = _of("memory", "detectors") | GATES | READOUT  # what is kept is measured, too
-LOOKING = _of("detectors", "memory")  # light that comes before its order waits in the memory
+KEEPING = (
+    _of("memory", "detectors", "compensator") | GATES | READOUT
+)  # what is kept is measured, too
+LOOKING = _of(
+    "detectors", "memory", "compensator"
+)  # light that comes before its order waits in the memory
 EMITTING = _of("emitter") | {
     f"source.{name}" for name in ("statistics", "bandwidth_nm", "jitter_ps", "encoding")
 }
@@ -55,8 +59,8 @@ BELL = {
     (Service.SDC, Role.ACCEPTOR),
 }
 BESIDES = {
-    (Service.SDC, Role.OPENER): PAULIS | _of("memory"),
-    (Service.SDC_RETURN, Role.OPENER): PAULIS | _of("memory"),
+    (Service.SDC, Role.OPENER): PAULIS | _of("memory", "compensator"),
+    (Service.SDC_RETURN, Role.OPENER): PAULIS | _of("memory", "compensator"),
 }
 EVE = "eve"  # passes light on
 NODES = {"fiber": "fibre", "switch": "quantum switch"}

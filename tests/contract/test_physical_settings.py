@@ -29,6 +29,7 @@ VALUES = {
     "max_rate_hz": 1000.0,
     "min_frequency_mhz": 192_000_000,
     "channels": 2,
+    "retarders": 3,
 }
 POISSON = {"source.statistics": "poisson"}
 BESIDE: dict[str, Mapping[str, Any]] = {  # what a value needs, or what makes somebody feel it
@@ -48,6 +49,7 @@ STACK: dict[str, Callable[[Device], Any]] = {
     "t2_s": lambda device: device.memory.t2_s,
     "depolarizing_s": lambda device: device.memory.depolarizing_s,
     "cutoff_s": lambda device: device.memory.cutoff_s,
+    "compensates": lambda device: device.compensator.retarders > 0,
 }
 OF_ALL: dict[str, Callable[[Device], Any]] = {  # and every stack, of alice's
     "pair_rate_hz": lambda device: min(50_000_000, int(device.source.max_rate_hz)),

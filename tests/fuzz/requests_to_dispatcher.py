@@ -65,6 +65,7 @@ def requests(host: int) -> list[tuple[str, Any]]:
         ("resend", messages.ResendRequest(block=mine, bases=b"\0\1\xff\2")),
         ("tell", messages.TellRequest(text="set Q0 0; init Q0")),
         ("sense", messages.SenseRequest(block=mine)),
+        ("compensate", messages.CompensateRequest(every_s=SHORT_S)),
         ("split", messages.SplitRequest(block=mine, into=block(host + 30))),
     ]
 

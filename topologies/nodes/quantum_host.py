@@ -142,6 +142,7 @@ class QuantumHost(ClassicalHost):
             t2_s=device.memory.t2_s,
             depolarizing_s=device.memory.depolarizing_s,
             cutoff_s=device.memory.cutoff_s,
+            compensates=device.compensator.retarders > 0,
             keys=network.key_folder(self.name),
             light=self.light,
             announcement_period_s=period_s(len(network.fibers)),

@@ -12,6 +12,7 @@ from wire.parameters.physics import SUM_TOLERANCE, BadParameter, check, choice, 
 from wire.registered import NOISE, registered
 
 SPEED_IN_FIBER_M_PER_S = 2.04e8  # group index 1.468
+COMPENSATED = "compensated"  # birefringence
 MOST_CHANNELS = 64
 HIGHEST_CHANNEL_MHZ = 196_100_000  # of the C band
 MHZ_PER_GHZ = 1_000
@@ -63,6 +64,8 @@ class FiberOptics:
     # length, and how long it lasts. Qubits of other encodings do not see it.
     polarization_drift_rad_per_sqrt_km: float = parameter(0.0, 0.0, 100.0)
     polarization_drift_time_s: float = parameter(100.0, 1e-9, 1e9)
+    # Passively, as by a Faraday mirror: light that is compensated keeps its polarisation.
+    birefringence: str = choice("drifts", COMPENSATED)
     # Of two polarisations one is lost more, by so much, or comes later, by so much on average; the
     # axis is any, and which is later changes within the same time.
     pdl_db: float = parameter(0.0, 0.0, 100.0)

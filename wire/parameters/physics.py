@@ -28,6 +28,10 @@ ENCODINGS = ("polarization", "time-bin")
 BEAM_SPLITTER = "beam-splitter"
 ANALYSERS = ("complete", "linear", "gates", BEAM_SPLITTER)  # kinds of Bell analysers
 SCHEMES = ("none", "two-click", "single-click")  # of heralding
+INTERRUPTING = "interrupting"
+RETARDERS = (0, 3, 4)
+INTERVALS = (1e-3, 1e9)  # s, between looks of a compensator
+REFERENCES = ("multiplexed", INTERRUPTING)  # light that a compensator looks at
 SUM_TOLERANCE = 1e-9  # by which probabilities may miss 1
 
 
@@ -347,6 +351,43 @@ class Sensor:
 
 
 @dataclass(frozen=True)
+class Compensator:
+    """An electronic polarisation controller at the host's ports, and its reference light.
+
+    Retarders about Z, X, Z (and X) of the Poincare sphere undo the turn that the reference showed
+    at the last look.
+    """
+
+    retarders: int = parameter(0, 0, 4)  # none, 3 or 4
+    range_rad: float = parameter(2 * math.pi, 0.0, 1e3)  # retardance of each, from 0
+    speed_rad_per_s: float = parameter(float("inf"), 1e-6, float("inf"))  # of each retardance
+    insertion_loss_db: float = parameter(0.0, 0.0, 100.0)  # of all light that enters the host
+    error_rad: float = parameter(0.0, 0.0, 10.0)  # rms turn that a look is wrong by
+    every_s: float = parameter(60.0, *INTERVALS)  # between looks, unless the controller sets it
+    # multiplexed: a share of the pulses is reference light, and data goes on;
+    # interrupting: light is lost while the reference is measured and the retarders move.
+    reference: str = choice(*REFERENCES)
+    reference_share: float = parameter(0.0, 0.0, 1.0)  # of the pulses, if it is multiplexed
+    measuring_s: float = parameter(0.0, 0.0, 1e6)  # of a look, before the retarders move
+
+    @property
+    def loss_db(self) -> float:
+        """Loss of data light: infinite if all pulses are reference light."""
+        share = self.reference_share
+        return self.insertion_loss_db - (10 * math.log10(1 - share) if share < 1 else -math.inf)
+
+    def check(self, where: str) -> None:
+        check(where, self)
+        if self.retarders not in RETARDERS:
+            raise BadParameter(f"{where}: retarders {self.retarders!r}: choose 0, 3 or 4")
+        if self.reference == INTERRUPTING and self.reference_share:
+            raise BadParameter(
+                f"{where}: reference_share {self.reference_share!r} with an interrupting reference;"
+                " choose a multiplexed one, or give measuring_s"
+            )
+
+
+@dataclass(frozen=True)
 class Device:
     """The quantum hardware of one host."""
 
@@ -357,6 +398,7 @@ class Device:
     gates: Gates = Gates()
     emitter: Emitter = Emitter()
     sensor: Sensor = Sensor()
+    compensator: Compensator = Compensator()
 
     @cached_property
     def features(self) -> Feature:

@@ -174,6 +174,9 @@ LOSSY = {"fiber.connectors_db": 5.0}
 UNEQUAL = {"unequal_km": 0.1, "bob.analyser.delay_line_km": 0.0}
 IN_BINS = {"alice.source.encoding": "time-bin", "bob.detectors.encoding": "time-bin"}
 DRIFT = {"fiber.polarization_drift_rad_per_sqrt_km": 30.0}
+UNDONE = DRIFT | {"bob.compensator.retarders": 3}
+FAST = {"fiber.polarization_drift_time_s": 0.01}
+SLOW = UNDONE | {"bob.compensator.measuring_s": 1e-7}
 PHASE = IN_BINS | {"fiber.phase_drift_rad_per_sqrt_km": 30.0}
 BAD = {"fiber.burst_depolarizing": 1.0, "fiber.burst_start_hz": 1e6}
 WARM = {"rate_hz": 1000, "fiber.length_km": 1.0, "fiber.temperature_slope_k_per_s": 1.0}
@@ -258,6 +261,16 @@ CASES: list[tuple[Act, str, Any, Settings]] = [
     (heralded, "alice.emitter.preparation_s", 0.01, CLICKS),
     (heralded, "alice.emitter.modes", 100, CLICKS | {"bob.emitter.modes": 100}),
     (sensed, "alice.sensor.phase_rad", pi, {}),
+    (prepared, "bob.compensator.retarders", 3, DRIFT),
+    (prepared, "bob.compensator.range_rad", 0.1, UNDONE),
+    (prepared, "bob.compensator.speed_rad_per_s", 1e-6, UNDONE),
+    (prepared, "bob.compensator.insertion_loss_db", 20.0, UNDONE),
+    (prepared, "bob.compensator.error_rad", 3.0, UNDONE),
+    (prepared, "bob.compensator.every_s", 1e-3, UNDONE | {"rate_hz": 1000} | FAST),
+    (prepared, "bob.compensator.reference", "interrupting", SLOW),
+    (prepared, "bob.compensator.reference_share", 0.5, UNDONE),
+    (prepared, "bob.compensator.measuring_s", 1.0, UNDONE),
+    (prepared, "fiber.birefringence", "compensated", DRIFT),
     (prepared, "fiber.length_km", 1000.0, {}),
     (prepared, "fiber.loss_db_per_km", 1000.0, {}),
     (prepared, "fiber.connectors_db", 20.0, {}),

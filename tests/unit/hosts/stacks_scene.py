@@ -350,6 +350,7 @@ async def start_host(
         multi_photon=device.source.multi_photon,
         intensities=list(device.source.intensities),
         cutoff_s=device.memory.cutoff_s,
+        compensates=device.compensator.retarders > 0,
         t1_s=device.memory.t1_s,
         t2_s=device.memory.t2_s,
         depolarizing_s=device.memory.depolarizing_s,

@@ -38,6 +38,8 @@ VALUES: dict[str, Any] = {
     "emitter.scheme": "two-click",
     "emitter.efficiency": 0.1,
     "sensor.phase_rad": 1.0,
+    "compensator.retarders": 3,
+    "compensator.insertion_loss_db": 10.0,
 }
 Fields = dict[str, Any]
 RANDOM = frozenset({"ones_fraction"})  # of bits that are disclosed: which they are, no seed says

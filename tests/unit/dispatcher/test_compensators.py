@@ -1,0 +1,320 @@
+"""Compensators of polarisation, against scipy and simulations apart; 5 sigma, seed 1."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import uvloop
+from five_sigma import within
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from dispatcher.devices.retarders import settings_for
+from dispatcher.refusal import Refusal
+from evidence.laboratory import Laboratory
+from wire.config import DispatcherConfig, Fiber, FiberEnd
+from wire.dispatcher_pb2 import AdjustFiberRequest, CompensateRequest
+from wire.parameters.physics import (
+    BadParameter,
+    Compensator,
+    Detectors,
+    Device,
+    PairSource,
+)
+from wire.parameters.switch import QuantumSwitch
+
+COUNT, RATE_HZ, DRIFT_S = 60_000, 10_000, 0.1
+PARTS = 20  # of a block, of which each lasts for three drift times
+FIBER: dict[str, Any] = {
+    "length_km": 1.0,
+    "polarization_drift_rad_per_sqrt_km": 0.8,
+    "polarization_drift_time_s": DRIFT_S,
+}
+IDEAL = Compensator(retarders=3)
+HOSTS = ("alice", "bob")
+
+
+def laboratory(
+    compensator: Compensator, encoding: str = "polarization", **fiber: Any
+) -> Laboratory:
+    """Return alice and bob, whom two such fibres join; bob compensates."""
+    alice = Device(PairSource(encoding=encoding), detectors=Detectors(encoding=encoding))
+    bob = replace(alice, compensator=compensator)
+    ends = [[FiberEnd(host, f"{host}-q{i}") for host in ("alice", "bob")] for i in (0, 1)]
+    fibers = [Fiber(*way, **FIBER | fiber) for way in ends]
+    devices = {"alice": alice, "bob": bob}
+    tokens = dict.fromkeys(devices, "")
+    return Laboratory(DispatcherConfig("", "", 1, tokens, fibers, [], devices=devices))
+
+
+async def errors(there: Laboratory, count: int = COUNT, number: int = 0) -> NDArray[np.bool_]:
+    """Send photons in Z, X and Y by turns; return which of those that clicked are wrong."""
+    states = (np.arange(count) % 6).astype(np.uint8)
+    alice, bob = there.host("alice"), there.host("bob")
+    await alice.prepare(states, number)
+    await alice.send({(number, 0): "alice-q0"}, RATE_HZ)
+    await bob.receive((number, 0), "bob-q0")
+    bits = await bob.measure((number, 0), bases=states >> np.uint8(1))
+    return np.asarray(((bits ^ states) & 1)[bits < 2], bool)
+
+
+def wrong(compensator: Compensator, **fiber: Any) -> NDArray[np.bool_]:
+    return uvloop.run(errors(laboratory(compensator, **fiber)))
+
+
+def turns(vectors: NDArray[np.float64]) -> Rotation:
+    """Compose pieces, shape (n, pieces, 3)."""
+    whole = Rotation.identity(len(vectors))
+    for piece in np.moveaxis(vectors, 1, 0):
+        whole = Rotation.from_rotvec(piece) * whole
+    return whole
+
+
+def expected(
+    rms_rad: float,
+    every_s: float,
+    error_rad: float = 0.0,
+    late_s: float = 0.0,
+    early_s: float = 0.0,
+) -> tuple[float, float]:
+    """Simulate the same process and loop apart: return the error rate, and its standard error.
+
+    A photon comes early_s to every_s after its look; if that counts late, after the one before.
+    """
+    random, count, pieces = np.random.default_rng(7), 100_000, max(int(np.ceil(rms_rad**2)), 1)
+    sigma = rms_rad / np.sqrt(3 * pieces)
+    ages_s = early_s + random.random(count) * (every_s - early_s)
+    ages_s[ages_s < late_s] += every_s
+    kept = np.exp(-ages_s / DRIFT_S)[:, None, None]
+    looked = random.standard_normal((count, pieces, 3)) * sigma
+    now = kept * looked + np.sqrt(1 - kept**2) * random.standard_normal(looked.shape) * sigma
+    misread = Rotation.from_rotvec(random.standard_normal((count, 3)) * error_rad / np.sqrt(3))
+    left = (misread * turns(looked)).inv() * turns(now)
+    each = (1 - np.trace(left.as_matrix(), axis1=1, axis2=2) / 3) / 2
+    return float(each.mean()), float(each.std() / np.sqrt(count))
+
+
+def require(found: NDArray[np.bool_], rate: tuple[float, float]) -> None:
+    """Compare an error rate by the spread of parts of the block, which hardly know each other."""
+    parts = found.reshape(PARTS, -1).mean(axis=1)
+    spread = np.hypot(parts.std(ddof=1) / np.sqrt(PARTS), rate[1])
+    assert abs(parts.mean() - rate[0]) < 5 * spread, (parts.mean(), rate, spread)
+
+
+@pytest.mark.parametrize(("every_s", "rms_rad"), [(0.005, 0.8), (0.4, 0.8), (0.05, 2.0)])
+def test_errors_grow_with_the_interval_between_looks(every_s: float, rms_rad: float) -> None:
+    compensator = replace(IDEAL, every_s=every_s)
+    found = wrong(compensator, polarization_drift_rad_per_sqrt_km=rms_rad)
+    require(found, expected(rms_rad, every_s))
+
+
+def test_a_look_that_is_wrong_turns_light() -> None:
+    found = wrong(replace(IDEAL, every_s=0.02, error_rad=0.6))
+    require(found, expected(0.8, 0.02, error_rad=0.6))
+
+
+def test_the_earlier_setting_holds_until_the_reference_is_measured() -> None:
+    found = wrong(replace(IDEAL, every_s=0.05, measuring_s=0.03))
+    require(found, expected(0.8, 0.05, late_s=0.03))
+
+
+def test_an_interrupting_reference_loses_light_in_place_of_errors() -> None:
+    """Of 500 pulses 100 come while it measures: photons are 0.01 to 0.05 s behind their look."""
+    part = replace(IDEAL, every_s=0.05, measuring_s=0.01, reference="interrupting")
+    found = wrong(part)
+    assert found.size == COUNT * 0.8
+    require(found, expected(0.8, 0.05, early_s=0.01))
+
+
+def test_retarders_interrupt_for_as_long_as_they_move() -> None:
+    """The first look has them go from 0 to Euler angles, of which there are two sets."""
+    part = replace(IDEAL, every_s=100.0, speed_rad_per_s=4.0, reference="interrupting")
+    there = laboratory(part, polarization_drift_time_s=1e9)
+    found = uvloop.run(errors(there))
+    history = there.layer.history.of_model("alice", "alice-q0", "0 PolarizationDrift")
+    assert history.latest_values is not None
+    assert not found.any()
+    wanted = turns(history.latest_values[1].reshape(1, -1, 3))[0].inv()
+    a, b, c = wanted.as_euler("zxz")
+    moves = [max(np.mod(each, 2 * np.pi)) for each in ([a, b, c], [a + np.pi, -b, c + np.pi])]
+    assert COUNT - found.size == np.ceil(min(moves) / 4 * RATE_HZ)
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.8])
+def test_reference_light_and_insertion_lose_their_share(drift: float) -> None:
+    part = replace(IDEAL, every_s=1.0, reference_share=0.25, insertion_loss_db=3.0)
+    found = wrong(part, polarization_drift_rad_per_sqrt_km=drift)
+    assert within(found.size, COUNT, 0.75 * 10**-0.3)
+
+
+def rotation(settings: NDArray[np.float64]) -> Rotation:
+    """Return retarders about Z, X, Z and X, one after the other."""
+    whole = Rotation.identity()
+    for number, retardance in enumerate(settings):
+        whole = Rotation.from_rotvec(retardance * np.eye(3)[0 if number % 2 else 2]) * whole
+    return whole
+
+
+def rotations(count: int) -> tuple[NDArray[np.float64], Rotation]:
+    """Return any turns, as quaternions and as rotations."""
+    found = np.random.default_rng(1).standard_normal((count, 4))
+    found /= np.linalg.norm(found, axis=1, keepdims=True)
+    return found, Rotation.from_quat(found[:, [1, 2, 3, 0]])
+
+
+@pytest.mark.parametrize("retarders", [3, 4])
+@pytest.mark.parametrize("range_rad", [2 * np.pi, 12.0])
+def test_three_retarders_of_a_whole_turn_make_any_turn(retarders: int, range_rad: float) -> None:
+    held = np.zeros(retarders)
+    for target, wanted in zip(*rotations(200), strict=True):
+        held = settings_for(target, held, range_rad)
+        assert ((held >= 0) & (held <= range_rad)).all()
+        assert (rotation(held) * wanted.inv()).magnitude() < 1e-9
+
+
+@pytest.mark.parametrize("retarders", [3, 4])
+def test_what_is_out_of_range_is_clipped(retarders: int) -> None:
+    """A turn about X is left to what its one retarder, or two, can do, or something better.
+
+    Nothing is better than the best of all settings on a grid of a twentieth of the range.
+    """
+    range_rad, step_rad = 1.2, 0.06
+    grid = np.stack(np.meshgrid(*[np.arange(0, 1.21, step_rad)] * 3, indexing="ij"), axis=-1)
+    three = Rotation.from_rotvec(grid.reshape(-1, 3)[:, :1] * [0, 0, 1])
+    for axis, name in (1, 0), (2, 2):
+        each = grid.reshape(-1, 3)[:, axis, None] * np.eye(3)[name]
+        three = Rotation.from_rotvec(each) * three
+    for turn_rad in np.linspace(0.1, 6.2, 9):
+        wanted = Rotation.from_rotvec([turn_rad, 0, 0])
+        target = np.array([np.cos(turn_rad / 2), np.sin(turn_rad / 2), 0, 0])
+        held = settings_for(target, np.zeros(retarders), range_rad)
+        left = (rotation(held) * wanted.inv()).magnitude()
+        reach_rad = range_rad * (retarders - 2)
+        assert left <= max(min(turn_rad - reach_rad, 2 * np.pi - turn_rad), 0) + 1e-9
+        if retarders == 3:
+            assert left >= (three * wanted.inv()).magnitude().min() - 3 * step_rad
+        assert ((held >= 0) & (held <= range_rad)).all()
+
+
+def test_a_fourth_retarder_spares_ways_back() -> None:
+    """Of turns that wander by .05 rad three have to go back by a radian and more now and then."""
+    steps = Rotation.from_rotvec(np.random.default_rng(1).standard_normal((2000, 3)) * 0.05)
+    long_moves = {}
+    for retarders in (3, 4):
+        held, moves, turn = np.zeros(retarders), [], Rotation.identity()
+        for step in steps:
+            turn = step * turn
+            new = settings_for(turn.as_quat()[[3, 0, 1, 2]], held, 2 * np.pi)
+            moves.append(np.abs(new - held).max())
+            held = new
+        long_moves[retarders] = int((np.array(moves) > 1).sum())
+    assert long_moves[3] > 5
+    assert long_moves[4] < long_moves[3] / 3
+
+
+async def calibrated(there: Laboratory) -> None:
+    """Let drift go on for a hundred times its duration, with and without a new look."""
+    assert not (await errors(there, 6)).any()
+    await there.wait(10.0)
+    assert (await errors(there, 600, 1)).any()
+    request = AdjustFiberRequest(a="bob", b="alice", calibrate=True)
+    await there.table.handle("runner", "adjust_fiber", request)
+    assert not (await errors(there, 6, 2)).any()
+    await there.wait(10.0)
+    began_ns = there.clock.now_ns()
+    await there.table.handle("bob", "compensate", CompensateRequest(every_s=5.0))
+    for number in (3, 4, 5):
+        await there.clock.wait_until(began_ns + (number - 3) * 5_000_000_000)
+        assert not (await errors(there, 6, number)).any()
+
+
+def test_calibration_and_the_host_itself_have_a_compensator_look() -> None:
+    uvloop.run(calibrated(laboratory(replace(IDEAL, every_s=1e6))))
+
+
+def test_passive_compensation_leaves_light_exactly_as_it_was() -> None:
+    there = laboratory(Compensator(), birefringence="compensated")
+    assert not uvloop.run(errors(there)).any()
+    assert there.layer.exact
+
+
+@pytest.mark.parametrize(
+    ("part", "refusal"),
+    [
+        (Compensator(2), "bob: retarders 2: choose 0, 3 or 4"),
+        (
+            Compensator(3, reference="interrupting", reference_share=0.1),
+            "bob: reference_share 0.1 with an interrupting reference",
+        ),
+    ],
+)
+def test_compensators_that_cannot_be_are_refused(part: Compensator, refusal: str) -> None:
+    with pytest.raises(BadParameter, match=refusal):
+        part.check("bob")
+
+
+@pytest.mark.parametrize(
+    ("part", "every_s", "refusal"),
+    [(Compensator(), 5.0, "bob has no compensator"), (IDEAL, 0.0, "every_s 0.0: choose 0.001 to")],
+)
+def test_looks_that_cannot_be_are_refused(part: Compensator, every_s: float, refusal: str) -> None:
+    there = laboratory(part)
+    with pytest.raises(Refusal, match=refusal):
+        uvloop.run(there.table.handle("bob", "compensate", CompensateRequest(every_s=every_s)))
+
+
+def test_light_of_time_bins_gets_one_polarisation_back() -> None:
+    """Of halves that fibres scramble three in four pairs are Phi+, see the page of devices."""
+
+    async def found(compensator: Compensator) -> NDArray[np.int64]:
+        drift = {"polarization_drift_rad_per_sqrt_km": 4.0, "polarization_drift_time_s": 1e9}
+        there = laboratory(compensator, encoding="time-bin", **drift)
+        alice, bob = there.host("alice"), there.host("bob")
+        await alice.create(1000)
+        await alice.send({(0, 0): "alice-q0", (0, 1): "alice-q1"})
+        for half in (0, 1):
+            await bob.receive((0, half), f"bob-q{half}")
+        return np.bincount(await bob.bell_measure((0, 0), (0, 1)), minlength=4)
+
+    assert uvloop.run(found(IDEAL))[0] == 1000
+    assert uvloop.run(found(Compensator()))[0] < 1000
+
+
+@pytest.mark.parametrize("rotation", [0, 1, 2, 3])
+def test_behind_a_switch_the_turns_of_both_fibres_are_undone(rotation: int) -> None:
+    """The switch's own rotation stays: by X and XZ every bit is flipped."""
+
+    async def found() -> NDArray[np.uint8]:
+        ends = [
+            (FiberEnd(host, f"{host}-q0"), FiberEnd("q1", str(i)))
+            for i, host in enumerate(HOSTS, 1)
+        ]
+        fibers = [Fiber(*way, **FIBER | {"polarization_drift_time_s": 1e9}) for way in ends]
+        switches = [QuantumSwitch("q1", rotation=rotation)]
+        devices = {"bob": Device(compensator=IDEAL)}
+        tokens = dict.fromkeys((*HOSTS, "q1"), "")
+        there = Laboratory(DispatcherConfig("", "", 1, tokens, fibers, switches, devices=devices))
+        await there.connect("q1", {1: 2})
+        await there.host("alice").prepare(np.zeros(1000, np.uint8))
+        await there.host("alice").send({(0, 0): "alice-q0"})
+        await there.host("bob").receive((0, 0), "bob-q0")
+        return await there.host("bob").measure((0, 0))
+
+    assert (uvloop.run(found()) == rotation % 2).all()
+
+
+def test_pulses_of_a_laser_are_lost_to_an_interrupting_reference() -> None:
+    """Without drift nothing else needs their photons: of clicks, .9 in time."""
+    part = Compensator(3, every_s=0.05, measuring_s=0.005, reference="interrupting")
+    laser = PairSource(statistics="poisson", mean_pairs=0.5)
+
+    async def clicks(part: Compensator) -> int:
+        ends = FiberEnd("alice", "alice-q0"), FiberEnd("bob", "bob-q0")
+        devices = {"alice": Device(laser), "bob": Device(compensator=part)}
+        tokens = dict.fromkeys(HOSTS, "")
+        there = Laboratory(DispatcherConfig("", "", 1, tokens, [Fiber(*ends)], [], devices=devices))
+        return (await errors(there)).size
+
+    assert uvloop.run(clicks(Compensator())) != 0
+    assert within(uvloop.run(clicks(part)), COUNT, 0.9 * -np.expm1(-0.5))
