@@ -24,7 +24,7 @@ class Feature(Flag):
     GATE = 4  # do gates on qubits that it holds, also between two; Pauli operators need no feature
     MEASURE = 8  # measure qubits that it holds, and light that arrives; also in the Bell basis
     HERALD = 16  # keep qubits that emit photons entangled with them, which a station may herald
-    INTERFERE = 32  # be that station: let light from two hosts interfere, and tell what clicked
+    INTERFERE = 32  # let light from two hosts interfere, and tell what clicked
     ABSORB = 64  # take light that comes from elsewhere into the memory
 
 

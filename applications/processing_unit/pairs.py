@@ -12,7 +12,7 @@ the creator requests the pairs that are left
 import asyncio
 import logging
 from collections import defaultdict, deque
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import count
@@ -44,7 +44,8 @@ from hosts.serving.processing import Sessions
 from hosts.timeouts import ANSWER_TIMEOUT_S, MAX_BLOCK_S
 from wire.config import HostConfig
 from wire.malformed import MalformedPacket
-from wire.metadata.vocabulary import Reason
+from wire.metadata.vocabulary import Reason, Service
+from wire.services import is_heralded
 
 log = logging.getLogger("pairs")
 
@@ -123,6 +124,7 @@ class PairMaking:
     ) -> None:
         """Nodes: name to address."""
         self.node, self._nodes, self._source = config.name, nodes, config.source
+        self._heralded = is_heralded(Service.DISTRIBUTE, config.node_features.features)
         self._rate_hz = config.pair_rate_hz
         self._qnic, self._sessions = qnic, sessions
         self._wanted: defaultdict[Key, deque[Wanted]] = defaultdict(deque)
@@ -255,7 +257,7 @@ class PairMaking:
             "sample": 0.0,
             "rate_hz": self._rate_hz,
             "block_pairs": max(1, min(BLOCK_PAIRS, int(self._rate_hz * MAX_BLOCK_S))),
-            "source": self.node if self._source in ends else self._source,
+            "source": self._source_of(ends),
         }
         session = self._sessions.request(fields)
         with self._sessions.opening(session):
@@ -270,6 +272,12 @@ class PairMaking:
             finally:
                 await session.close()
             return Made(blocks, self._lasted_us(session.summary))
+
+    def _source_of(self, ends: Collection[str]) -> str:
+        """Return who makes pairs; "": a station in a switch."""
+        if self._heralded:
+            return ""
+        return self.node if self._source in ends else self._source
 
     async def _take(self, session: int, half: int, pairs: int, qubits: Qubits) -> list[BlockName]:
         """Take photons out of a session, one by one, into blocks of an application's own."""

@@ -106,6 +106,19 @@ def test_pairs_are_measured_at_both_ends_of_a_noisy_network(tmp_path: Path) -> N
     assert result["path_setup_ms"]["n"] == rounds  # light, as the controller grants it
 
 
+@pytest.mark.nightly
+def test_pairs_of_ion_traps_are_heralded_by_a_station(tmp_path: Path) -> None:
+    """F = .94 by their paper, as Werner pairs, measured along Y: they agree with 2 (1 - F) / 3."""
+    rounds, fidelity = 8, 0.94
+    words = ["--rounds", str(rounds), "--node", "ion-trap", "--switch", "parts=station"]
+    places = ["--place", "client=alice", "--place", "server=bob", "--length-km", "0.01"]
+    run(tmp_path, "link_layer_md", *places, *words)
+    assert "q1-analyser1 herald" in (tmp_path / "latest" / "quantum.log").read_text()
+    alike, wrong = agreements(tmp_path / "latest"), 2 * (1 - fidelity) / 3
+    assert len(alike) == 10 * rounds
+    assert abs(sum(alike) / len(alike) - wrong) < 5 * sqrt(wrong * (1 - wrong) / len(alike))
+
+
 def differing(logs: Path) -> dict[str, list[bool]]:
     """Return of which pairs that each two of three nodes share the outcomes differ."""
     found = {

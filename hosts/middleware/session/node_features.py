@@ -28,7 +28,7 @@ REMEDIES = {
     Reason.CANNOT_ABSORB: "has a memory that emits, and takes in no light from elsewhere (feature "
     "absorb): let a station herald pairs (docs/nodes.md), take another host in its place, or give "
     "it such a memory (memory.kind absorptive)",
-    Reason.CANNOT_INTERFERE: "is not a station in which light of others interferes (feature "
+    Reason.CANNOT_INTERFERE: "is not a relay in which light of others interferes (feature "
     "interfere): take another host in its place, or give it an analyser (analyser.kind linear)",
 }
 
