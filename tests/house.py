@@ -1,4 +1,4 @@
-"""The size of the house, in in figures to compare: `make house`, `make house REVISION=HEAD~20`.
+"""The size of the house, in figures to compare: `make house`, `make house REVISION=HEAD~20`.
 
 python tests/house.py [REVISION]     (of the working tree, or of a revision that git knows)
 

@@ -121,7 +121,7 @@ class Right:
         return heard.astype(bool)  # type: ignore[no-any-return]
 
     def correct(self, number: int, bits: Symbols) -> Steps[Mask]:
-        """Tell by what all behind turn their qubits; return which states are left then."""
+        """Send corrections down the line; return which states are left."""
         side, size = self.side, bits.size
         yield OnConnection(self.connection, saying(side.say(Topic.CORRECTIONS, number, bits, 2)))
         heard = yield OnConnection(
@@ -132,7 +132,7 @@ class Right:
     def ask(
         self, topic: Topic, number: int, values: Any, width: int, shape: tuple[int, int]
     ) -> Steps[Table]:
-        """Tell the next host by what all behind measure; return their outcomes, of this shape."""
+        """Send measurement bases down the line; return the outcomes, shape (hosts, states)."""
         yield OnConnection(self.connection, saying(self.side.say(topic, number, values, width)))
         outcomes = hear(Topic.OUTCOMES, number, shape[0] * shape[1], LOST, BITS_TIMEOUT_S)
         heard = yield OnConnection(self.connection, outcomes)

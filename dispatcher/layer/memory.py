@@ -1,8 +1,8 @@
 """Quantum memories: what waiting does to qubits, by the time that each has really waited.
 
-The wait of a qubit that is stored begins when it comes, whenever the host says that it is to be
-stored: light with its arrival at the port; the half of a pair that stays, when the source emits the
-other half; a qubit that is made on the spot at once. It ends when the block is used: at once for
+A stored qubit decoheres from its arrival, not from the request to store it: light from its arrival
+at the port; the half of a pair that stays, when the source emits the other half; a qubit that is
+made on the spot at once. It ends when the block is used: at once for
 all, but with light that is not stored one by one, as that comes. A block that is used again has
 left its memory.
 
@@ -119,9 +119,9 @@ class Memories:
         return detail
 
     def hold(self, block: Block, asked_ns: int, light: Block | None = None) -> str | None:
-        """Let a block that is not stored have waited until it was asked for (0: now), or for light.
+        """Apply decoherence to an unstored block up to the time of the request, or of the light.
 
-        Return what has happened to it, None if nothing could. Raise as read_out.
+        A request at 0 is one of now. Return the effect as a text, or None. Raise as read_out.
         """
         if self._keeps(block):
             return None

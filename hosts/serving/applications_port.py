@@ -239,7 +239,7 @@ class ApplicationsPort:
 async def _listen_to(
     connection: Incoming, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
 ) -> None:
-    """Answer the application until its connection ends; what else it says is nothing to us."""
+    """Answer the application's calls until its connection ends; ignore other input."""
     ended = asyncio.create_task(connection.ended.wait())
     try:
         while not ended.done():
@@ -260,7 +260,7 @@ async def _listen_to(
 
 
 async def _closed(reader: asyncio.StreamReader) -> None:
-    """Wait until the application closes its socket; what it says meanwhile is nothing to us."""
+    """Wait until the application closes its socket; ignore its input."""
     while await reader.read(HEADER.size):
         continue
 

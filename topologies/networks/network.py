@@ -415,7 +415,7 @@ class Network:
             time.sleep(POLL_S)
 
     def explain(self) -> None:
-        """Raise for what has made something fail, if it is in the network.
+        """Raise the root cause of a failure if it lies in the network.
 
         A program's sockets close a moment before it ends. To all others, a
         program that a signal has stopped is a peer that does not answer.

@@ -109,7 +109,7 @@ async def serve(
 
 
 async def until_opened(view: View) -> None:
-    """Let a page that is about to be opened get what it shows: a network can be short."""
+    """Keep serving until an opening page has loaded, even if the run has ended."""
     end_s = min(view.opening_s, time.monotonic()) + LIVE_LAST_S  # who asks later is too late
     while view.opening_s > -math.inf and time.monotonic() < end_s:
         await asyncio.sleep(LIVE_LIST_S)

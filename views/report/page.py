@@ -29,14 +29,13 @@ MAIN = frozenset(
     {
         *("accepted", "alarm", "blocked", "carried_erlang", "error_rate", "fidelity"),
         *("fidelity_at_least", "fidelity_error", "fidelity_high", "fidelity_low", "file_intact"),
-        *("hosts", "key_bits", "key_bits_per_s", "keys", "keys_per_s", "keys_used", "mean_rad"),
+        *("key_bits", "key_bits_per_s", "keys", "keys_per_s", "keys_used", "mean_rad"),
         *("pairs", "pairs_per_s", "photons", "qber", "qber_highest", "qber_x", "score"),
         *("sessions", "setup_p50_s", "sifted_bits", "states", "states_per_s", "sum_error_rad"),
         *("sum_rad", "visibility", "waited_ms"),
     }
 )
 UNITS = {"_per_s": "/s", "_s": " (s)", "_ms": " (ms)", "_rad": " (rad)"}
-MOST_FIBERS = 24  # whose table is seen at once
 LAST_COUNTS = "Counts are the sender's; figures may include later events."
 # Of a page that has no script: a run may be another person's.
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
@@ -105,8 +104,13 @@ def _numbers(figures: Figures) -> dict[str, str]:
             "lost pairs": f"{figures.lost_pairs:,}",
             "symbol error rate": "–" if rate is None else f"{rate:.3g}",  # noqa: RUF001
         }
-    numbers = {name: value for name, value in vars(figures).items() if name in MAIN}
-    return {_label(name): number_text(value) for name, value in numbers.items()}
+    numbers = {n: number_text(value) for n, value in vars(figures).items() if n in MAIN}
+    low, high = numbers.pop("fidelity_low", None), numbers.pop("fidelity_high", None)
+    if error := numbers.pop("fidelity_error", None):
+        numbers["fidelity"] += f" ± {error}"
+    elif low and high and vars(figures)["fidelity"] is not None:
+        numbers["fidelity"] += f" ({low} to {high})"
+    return {_label(name): text for name, text in numbers.items()}
 
 
 def _label(name: str) -> str:
@@ -161,9 +165,8 @@ def _fibers(run: RunFacts) -> str:
         )
     heads = ["fibre", "kind", "length", "loss", "delay", "photons to its host", "of these lost"]
     note = "<p>Photons count with the blocks they belong to; lost: anywhere before.</p>"
-    section = f"{table(heads, rows)}{note}"
-    if len(rows) > MOST_FIBERS:
-        section = f"<details><summary>{len(rows):,} fibres</summary>{section}</details>"
+    number = "1 fibre" if len(rows) == 1 else f"{len(rows):,} fibres"
+    section = f"<details><summary>{number}</summary>{table(heads, rows)}{note}</details>"
     return f"<section><h2>Fibres</h2>{section}</section>"
 
 

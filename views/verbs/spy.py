@@ -67,7 +67,9 @@ def add_parser(verbs: Any) -> None:
 
 
 def _needed(arguments: argparse.Namespace) -> Needs:
-    return Needs.RUNNING if arguments.run is None else Needs.NOTHING
+    """On a host of a network, which has a stack, that network is the one."""
+    of_host = STACK_VARIABLE in os.environ
+    return Needs.RUNNING if arguments.run is None and not of_host else Needs.NOTHING
 
 
 def session_number(text: str) -> int:

@@ -451,8 +451,9 @@ def test_a_network_that_is_gone_is_told(chromium: Browser, tmp_path: Path) -> No
 # `qmn` as if networks had their files elsewhere: this machine may run some. No root is asked for.
 QMN_ELSEWHERE = """import sys
 from pathlib import Path
+from topologies.system import namespaces
 from topologies.system.runs import runtime
-runtime.RUNTIME_ROOT = Path({folder!r})
+runtime.RUNTIME_ROOT = namespaces.RUNTIME_ROOT = Path({folder!r})
 from qmn import __main__
 __main__.become_root = lambda words: None
 sys.exit(__main__.main())

@@ -32,7 +32,7 @@ ANSWER_BYTES = 64
 
 
 class Forked:
-    """A child of this process that another has forked: what Program asks of a Popen."""
+    """Popen-like handle for a child forked by the fork server."""
 
     def __init__(self, pid: int) -> None:
         self.pid = pid
