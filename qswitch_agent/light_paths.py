@@ -102,6 +102,7 @@ class LightPaths:
         self.time = network_time
         self.table = FlowTable(fiber_ports, inner_ports)
         self.promises = Promises()
+        self.down: set[int] = set()  # ports inside the switch, by controllers
         self._hardware = hardware
         self._made: frozenset[CrossConnect] | None = None  # as planned; None: not all of it
         self._standing: frozenset[CrossConnect] = frozenset()  # that the hardware took last
@@ -137,10 +138,19 @@ class LightPaths:
     def update_ports(self, ports: Iterable[Port]) -> None:
         """Take the state of ports: no light passes a fibre that is cut."""
         for port in ports:
-            if self.table.set_fiber(port.number, port.up):
+            if self.table.set_fiber(port.number, port.up and port.number not in self.down):
                 condition = "whole again" if port.up else "cut"
                 log.info("the fibre at port %d is %s", port.number, condition)
                 self._ask()
+
+    def set_down(self, port: int, down: bool) -> bool:
+        """Set a port inside the switch down, or up; tell whether that is news."""
+        if down == (port in self.down):
+            return False
+        self.down ^= {port}
+        self.table.set_fiber(port, not down)
+        self._ask()
+        return True
 
     def update_stuck(self, stuck: frozenset[tuple[int, int]]) -> None:
         """Take which cross-connects cannot be changed, and ask again for what was refused."""

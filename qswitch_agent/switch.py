@@ -274,6 +274,7 @@ class Switch:
             if port.number in self._condition.failed:
                 state = (state | ofp.OFPPS_LINK_DOWN) & ~ofp.OFPPS_LIVE
             config = port.config & ~ofp.OFPPC_NO_FWD
+            config |= ofp.OFPPC_PORT_DOWN * (port.number in self.paths.down)
             return replace(port, config=config, state=state, properties=properties)
         state = port.state
         if any(port.number in path for path in self._condition.stuck):
@@ -292,6 +293,14 @@ class Switch:
     def tuning(self, port: int, tuning: PortTuning) -> Tuned:
         """Return what a PORT_MOD asks for; raise Refusal for what a port cannot be tuned to."""
         return optical_ports.tuned(tuning, optical_ports.tuning_of(self._condition, port))
+
+    async def tune(self, port: int, tuned: Tuned) -> None:
+        """Tune a port, or set it up or down; raise HardwareRefusal if it cannot be tuned so."""
+        frequency_mhz, power_dbm, direction, cutoff_s, down = tuned
+        if tuned._replace(down=None) != Tuned(None, None):
+            await self.hardware.tune(port, frequency_mhz, power_dbm, direction, cutoff_s)
+        if down is not None and self.paths.set_down(port, down):
+            self.inner_ports.announce([port])
 
     def light(self, port: int, readings: Readings) -> PortLight:
         """Return the optical statistics of a port; no light comes from a fibre that is cut."""

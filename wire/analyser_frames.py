@@ -77,7 +77,7 @@ MEASURING = End.MEASURED, End.HERALDED  # of these a block may have no pulse
 ROUNDS = End.PURIFY, End.PURIFIED
 WITH_OUTCOMES = *MEASURING, End.STORED, *ROUNDS
 TO_CONTROLLERS = End.STORED, End.WAITS, *ROUNDS  # by a type of their own
-COUNTED = End.NO_PARTNER, End.CLOSED, End.UNFIT  # of an analyser
+COUNTED = End.NO_PARTNER, End.CLOSED, End.UNFIT, End.FAILED  # of an analyser
 
 
 class Receivers(IntEnum):
@@ -116,7 +116,8 @@ class AnalyserFrame:
         """Return the frame, padded as Ethernet wants it."""
         count = len(self.outcomes)
         packed = bytes.fromhex((self.outcomes.translate(DIGITS) + b"0" * (count % 2)).decode())
-        fixed = count, self.port, self.number, self.pulses, self.first, self.waited_us
+        waited_us = min(self.waited_us, MOST)
+        fixed = count, self.port, self.number, self.pulses, self.first, waited_us
         payload = HEAD.pack(MAGIC, self.end, self.method, *fixed) + packed
         kind = HERALDS if self.end in TO_CONTROLLERS else ETHER_TYPE
         return receiver + sender + kind + payload.ljust(LEAST_PAYLOAD, b"\0")
@@ -191,12 +192,12 @@ class Emission:
 
 @dataclass
 class AnalyserCounts:
-    """Counts of an analyser since its switch's agent began."""
+    """Counts of an analyser, or station, since its switch's agent began."""
 
-    FIELDS = struct.Struct("!I4x9Q")
+    FIELDS = struct.Struct("!I4x11Q")
 
     port: int  # of its first input
-    pulses: int = 0  # that met
+    pulses: int = 0  # that met, or pairs that were heralded
     phi_plus: int = 0
     psi_plus: int = 0
     phi_minus: int = 0
@@ -205,12 +206,15 @@ class AnalyserCounts:
     no_partner: int = 0  # blocks
     closed: int = 0
     unfit: int = 0
+    failed: int = 0  # blocks that came to it, or were there, when it had failed
+    attempts: int = 0  # of all blocks of pairs that were heralded
 
     def add(self, report: AnalyserFrame) -> None:
         self.pulses += len(report.outcomes)
         for name, outcome in (("phi_plus", 0), ("psi_plus", 1), ("phi_minus", 2), ("psi_minus", 3)):
             setattr(self, name, getattr(self, name) + report.outcomes.count(outcome))
         self.none += report.outcomes.count(NO_COINCIDENCE)
+        self.attempts += report.waited_us * (report.end == End.HERALDED)
         if report.end in COUNTED:
             name = report.end.name.lower()
             setattr(self, name, getattr(self, name) + 1)

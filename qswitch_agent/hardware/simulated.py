@@ -25,7 +25,7 @@ from qswitch_agent.hardware.optics import (
 from qswitch_agent.timeouts import CALL_DEADLINE_S, STEPPED_DEADLINE_S
 from wire import dispatcher_pb2 as messages
 from wire import dispatcher_service
-from wire.analyser_frames import MOST, AnalyserFrame, Emission, End, MemoryCounts
+from wire.analyser_frames import AnalyserFrame, Emission, End, MemoryCounts
 from wire.dispatcher_pb2 import CrossConnectOutcome, CrossConnectRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import cross_connects_socket
@@ -194,8 +194,7 @@ class SimulatedSwitch:
             async for report in call:
                 end, pulses = End(report.end), report.photons
                 fixed = report.port, report.number, end, pulses, 0, report.outcomes
-                number = report.attempts or report.waited_ns // 1000
-                on_report(AnalyserFrame(*fixed, min(number, MOST)))
+                on_report(AnalyserFrame(*fixed, report.attempts or report.waited_ns // 1000))
         except grpc.aio.AioRpcError as error:
             meaning = self._meaning(error.code(), error.details())
             raise HardwareFault(str(meaning)) from error

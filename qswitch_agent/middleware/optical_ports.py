@@ -39,6 +39,9 @@ class Tuned(NamedTuple):
     power_dbm: float | None
     direction: Direction = Direction.BOTH
     cutoff_s: float | None = None  # of a memory
+    down: bool | None = (
+        None  # a port inside the switch, which Open vSwitch sets neither up nor down
+    )
 
 
 def description(condition: Condition, port: int) -> PortOptics:

@@ -178,7 +178,10 @@ def checked_port_mod(message: bytes, switch: Switch) -> tuple[PortMod, Tunings]:
         if mod.tuning:
             reason = f"port {mod.number} has no optics"
             raise refusals.bad_property(reason)
-        return mod, [(mod.number, Tuned(None, None, cutoff_s=mod.cutoff_s))] if mod.cutoff_s else []
+        down = bool(mod.config & ofp.OFPPC_PORT_DOWN)
+        sets_down = mod.number in switch.inner and mod.mask & ofp.OFPPC_PORT_DOWN
+        tuned = Tuned(None, None, cutoff_s=mod.cutoff_s, down=down if sets_down else None)
+        return mod, [(mod.number, tuned)] if tuned != Tuned(None, None) else []
     if mod.mask & ~CHANGEABLE:
         raise refusals.bad_config(
             f"configuration bits {mod.mask:#x} of a fibre: it can be down or send no packet-in"

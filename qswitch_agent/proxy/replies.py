@@ -90,8 +90,8 @@ class Replies:
         if ports.status_reason(message) != ofp.OFPPR_MODIFY:
             return False
         described = ports.described_ports(message)
-        fibers = self._switch.fibers
-        return any(port.number in fibers and not port.config & NO_PACKETS for port in described)
+        light = self._switch.light_ports
+        return any(port.number in light and not port.config & NO_PACKETS for port in described)
 
     def _known(
         self, priority: int, match: bytes, cookie: int, gone: bool
@@ -205,7 +205,7 @@ class Replies:
             return message
         for port, tuned in self._link.bundles.committing.pop(xid, []):
             try:
-                await self._switch.hardware.tune(port, *tuned)
+                await self._switch.tune(port, tuned)
             except HardwareRefusal as refusal:
                 log.error("port %d is not tuned: %s", port, refusal)
                 return messages.error(ofp.OFPET_BUNDLE_FAILED, ofp.OFPBFC_MSG_FAILED, message)

@@ -251,7 +251,7 @@ class Requests:
     async def _tune(self, tunings: Tunings) -> None:
         for port, tuned in tunings:
             try:
-                await self._switch.hardware.tune(port, *tuned)
+                await self._switch.tune(port, tuned)
             except HardwareRefusal as refusal:
                 raise refusals.bad_config(str(refusal)) from refusal
 

@@ -35,7 +35,7 @@ from topologies.system.processes.programs import python
 from topologies.system.runs.runtime import free_port
 from wire import dispatcher_pb2 as pb
 from wire import dispatcher_service, optical
-from wire.analyser_frames import MemoryCounts, decode_counts
+from wire.analyser_frames import AnalyserCounts, MemoryCounts, decode_counts
 from wire.config import AgentConfig
 from wire.dispatcher_service import cross_connects_socket
 
@@ -318,9 +318,16 @@ class Operator(Controller):
 
     def memories(self) -> list[MemoryCounts]:
         """Return the statistics of the switch's memories."""
+        return decode_counts(self._counts(optical.MEMORY_COUNTS), MemoryCounts)
+
+    def analysers(self) -> list[AnalyserCounts]:
+        """Return the counts of the switch's analysers and stations."""
+        return decode_counts(self._counts(optical.ANALYSER_COUNTS), AnalyserCounts)
+
+    def _counts(self, kind: int) -> bytes:
         ask = parser.OFPExperimenterStatsRequest
-        self.send(ask(DATAPATH, 0, optical.EXPERIMENTER, optical.MEMORY_COUNTS, b""), 900)
-        return decode_counts(bytes(self.answer(900).body.data), MemoryCounts)
+        self.send(ask(DATAPATH, 0, optical.EXPERIMENTER, kind, b""), 900)
+        return bytes(self.answer(900).body.data)
 
 
 class Switch:

@@ -1,6 +1,7 @@
 """Analysers, memories and sources of a switch: what OpenFlow answers, and who may have them."""
 
 import re
+import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -17,16 +18,19 @@ from test_switch_swaps import BOB, Line, require_nothing_left, swapping
 
 from hosts.client import blocking_session
 from hosts.stack_socket import QuantumSocketError
+from qmn.changes.fault import Failed, Repair, inject
 from qmn.running.dispatcher_calls import status
+from qmn.running.network import dispatcher_of_running_network
 from topologies.chain import ChainTopo
 from topologies.networks.network import Network
 from wire import optical
-from wire.analyser_frames import Emission, MemoryCounts
+from wire.analyser_frames import AnalyserCounts, Emission, MemoryCounts
 from wire.parameters.physics import BellAnalyser, Detectors, Emitter, Gates, Memory, PairSource
 from wire.parameters.switch import FIRST_INNER_PORT
 
 ALICE, MEMORY, ANALYSER, SOURCE = 2, 61_001, 60_001, 62_001  # ports of q1
-PAIRS = 100
+PAIRS, SWITCHING_S = 100, 0.5
+EMISSION = Emission(7, 1, PAIRS, 50_000_000, 193_400_000)
 TOP = 0xFF00  # ports of the bridge itself begin there
 OUT_PORT = ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT
 
@@ -106,14 +110,13 @@ def test_memories_and_sources_answer_as_openflow_says(tmp_path: Path) -> None:
         require_refusals(operator)
         for entry in (light(SOURCE, MEMORY), light(MEMORY, ALICE, priority=1, cookie=7)):
             accepted(operator, entry)
-        emission = Emission(7, 1, PAIRS, 50_000_000, 193_400_000)
-        accepted(operator, packet_out(SOURCE, emission.encode()))
+        accepted(operator, packet_out(SOURCE, EMISSION.encode()))
         # Half 0 is stored and leaves for alice at once; half 1 has no entry.
         wait_until(lambda: counts(operator).released == PAIRS, "memory releases the block")
         assert counts(operator) == MemoryCounts(MEMORY, 0, 0, PAIRS, PAIRS, 0, 0)
         accepted(operator, flow_mod(MEMORY, command=ofp.OFPFC_DELETE))
         accepted(operator, cut_off(operator, 500_000_000))
-        accepted(operator, packet_out(SOURCE, replace(emission, number=2).encode()))
+        accepted(operator, packet_out(SOURCE, replace(EMISSION, number=2).encode()))
         wait_until(lambda: counts(operator).cut_off, "memory lets go of the next", 10)
         assert counts(operator) == MemoryCounts(MEMORY, 0, 0, 2 * PAIRS, PAIRS, PAIRS, 0)
         assert status(network).pairs_created == 2 * PAIRS
@@ -136,6 +139,82 @@ def test_ports_say_to_which_parts_they_lead(tmp_path: Path) -> None:
 def described(operator: Operator) -> list[Any]:
     operator.send(parser.OFPPortDescStatsRequest(DATAPATH, 0, ofp.OFPP_ANY), 901)
     return list(operator.answer(901).body)
+
+
+class SlowLine(Line):
+    """q1 takes long to open a path."""
+
+    def build(self, switches: int = 1, fibers: int = 1, **line: Any) -> None:
+        """Lay it."""
+        super().build(switches, fibers, **line)
+        self.setNodeInfo("q1", {**self.nodeInfo("q1"), "switching_time_s": SWITCHING_S})
+
+
+def test_a_barrier_is_answered_when_inner_paths_pass_and_outcomes_are_counted(
+    tmp_path: Path,
+) -> None:
+    """Ideal pairs are in Phi+: each that comes to both inputs of an analyser is measured so."""
+    with nothing_left(), running(SlowLine, tmp_path), Operator("q1") as operator:
+        began_s = time.monotonic()
+        for half, port in enumerate((ANALYSER, ANALYSER + 1)):
+            operator.send(light(SOURCE + half, port), 700 + half)
+        operator.send(parser.OFPBarrierRequest(DATAPATH), 702)
+        assert isinstance(operator.answer(702), parser.OFPBarrierReply)
+        assert time.monotonic() - began_s >= SWITCHING_S
+        accepted(operator, packet_out(SOURCE, EMISSION.encode()))
+        wait_until(lambda: operator.analysers()[0].pulses, "all have met")
+        assert operator.analysers() == [AnalyserCounts(ANALYSER, PAIRS, phi_plus=PAIRS)]
+
+
+def test_inner_ports_that_are_set_down_or_fail_are_announced(tmp_path: Path) -> None:
+    with (
+        nothing_left(),
+        running(lambda: Line(1), tmp_path),
+        Operator("q1") as operator,
+        Operator("q1") as other,
+    ):
+        other.socket.settimeout(20)
+        wanted = {ofp.OFPACPT_PORT_STATUS_MASTER: 7, ofp.OFPACPT_PACKET_IN_MASTER: 0}
+        masks = [parser.OFPAsyncConfigPropReasons(kind, 8, mask) for kind, mask in wanted.items()]
+        accepted(other, parser.OFPSetAsync(DATAPATH, masks))
+        accepted(operator, light(SOURCE, MEMORY))
+        for number, down in enumerate((ofp.OFPPC_PORT_DOWN, 0), 1):
+            accepted(operator, port_mod(operator, down))
+            ((port, told),) = statuses(other, 1).items()
+            assert (port, told.config & ofp.OFPPC_PORT_DOWN) == (MEMORY, down)
+            assert told.properties[0].data[:2] == [2 << 16, 1]
+            accepted(operator, packet_out(SOURCE, replace(EMISSION, number=number).encode()))
+        wait_until(lambda: counts(operator).stored, "the second block is stored")
+        assert counts(operator).stored == PAIRS  # and the first was not
+        require_failed_analyser(operator, other)
+
+
+def require_failed_analyser(operator: Operator, other: Operator) -> None:
+    """Fail unless an analyser that fails has no link, and counts light that comes to it."""
+    config = dispatcher_of_running_network()
+    for fault, down in ((Failed(ANALYSER), ofp.OFPPS_LINK_DOWN), (Repair(), 0)):
+        inject(config, "q1", fault)
+        seen = statuses(other, 2)
+        states = {port: each.state & ofp.OFPPS_LINK_DOWN for port, each in seen.items()}
+        assert states == dict.fromkeys((ANALYSER, ANALYSER + 1), down)
+        if down:
+            accepted(operator, light(SOURCE, ANALYSER))
+            accepted(operator, packet_out(SOURCE, replace(EMISSION, number=3).encode()))
+            wait_until(lambda: operator.analysers()[0].failed, "light came in vain")
+    assert operator.analysers() == [AnalyserCounts(ANALYSER, failed=1)]
+
+
+def statuses(operator: Operator, count: int) -> dict[int, Any]:
+    """Return the ports that so many messages tell of, and nothing more."""
+    told = [operator.next() for _ in range(count)]
+    assert {type(each) for each in told} == {parser.OFPPortStatus}, told
+    assert operator.silent()
+    return {each.desc.port_no: each.desc for each in told}
+
+
+def port_mod(operator: Operator, config: int) -> object:
+    address = next(each.hw_addr for each in described(operator) if each.port_no == MEMORY)
+    return parser.OFPPortMod(DATAPATH, MEMORY, address, config, ofp.OFPPC_PORT_DOWN, [])
 
 
 def counts(operator: Operator) -> MemoryCounts:

@@ -113,12 +113,15 @@ def test_ports_numbers_and_sizes_of_nothing_are_refused() -> None:
 
 def test_counts_add_up_and_are_read_as_written() -> None:
     counts = AnalyserCounts(60_001)
-    for report in (FRAME, ALONE, AnalyserFrame(60_001, 8, End.UNFIT, 2)):
+    ends = [AnalyserFrame(60_001, 8, end, 2) for end in (End.UNFIT, End.FAILED, End.WAITS)]
+    many = replace(HERALDED, waited_us=1 << 40)
+    for report in (FRAME, ALONE, *ends, HERALDED, many, NOTHING):
         counts.add(report)
     assert decode_counts(counts.encode(), AnalyserCounts) == [
-        AnalyserCounts(60_001, 5, 1, 1, 1, 1, 1, no_partner=1, unfit=1)
+        AnalyserCounts(60_001, 9, 1, 3, 1, 3, 1, 1, 0, 1, failed=1, attempts=198 + (1 << 40))
     ]
-    with pytest.raises(MalformedPacket, match="79 bytes"):
+    assert AnalyserFrame.decode(many.encode(BROADCAST, SENDER)).waited_us == (1 << 32) - 1
+    with pytest.raises(MalformedPacket, match="95 bytes"):
         decode_counts(counts.encode()[:-1], AnalyserCounts)
 
 
