@@ -22,7 +22,7 @@ def main() -> None:
     """Serve the run, go to that moment, and take the picture."""
     run, picture = Path(sys.argv[1]).resolve(), sys.argv[2]
     facts = described(read_result(run)[1])
-    view = View(run.name, facts, timeline_of_run(run), run, False, False, lambda: "")
+    view = View(run.name, facts, timeline_of_run(run), run, False, False, {"handshake": str})
     with served(view) as address, browser() as chromium:
         page = chromium.new_page(viewport=SIZE)
         page.goto(address)

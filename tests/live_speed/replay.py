@@ -50,7 +50,7 @@ def served(run: Path, events_per_s: int, told: Connection) -> None:
     timeline = Timeline(time.time_ns())
     threading.Thread(target=come_again, args=(past, timeline, events_per_s), daemon=True).start()
     facts = described(network)
-    view = View("again", facts, timeline, run, True, False, lambda: "", Pace(unused))
+    view = View("again", facts, timeline, run, True, False, {"handshake": str}, Pace(unused))
     asyncio.run(serve(view, Place(), lambda address, _for_all: told.send(address)))
 
 

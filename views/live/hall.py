@@ -30,7 +30,7 @@ from views.live.address import LOOPBACK, Place
 FOR_ALL = "for-all"  # of a command page: it is shown so
 ALL = "0.0.0.0"  # noqa: S104 (a lecture hall is meant)
 ELSEWHERE = ("192.0.2.1", 9)  # RFC 5737: nobody; which address of ours would lead there is asked
-PATHS = rb"|[a-z]+\.(?:js|css)|uplot/\w+(?:\.\w+)+|network\.json|messages|handshake"
+PATHS = rb"|[a-z]+\.(?:js|css)|uplot/\w+(?:\.\w+)+|network\.json|messages|handshake|photons"
 PATHS += rb"|networks(?:\?next)?"
 ASKED = re.compile(rb"GET /([\w-]{1,64})/((?:\d{1,9}/)?(?:" + PATHS + rb")) HTTP/1\.1\r\n")
 LAST = re.compile(rb"\r\nLast-Event-ID: (\d{1,15})\r\n", re.IGNORECASE)

@@ -1,14 +1,24 @@
-"""The newest handshake of a run, drawn as its report draws the first one."""
+"""The newest handshake and photons of a run, drawn as its report draws the first ones."""
 
 from pathlib import Path
 
+from qmn.requests.service_verbs import VERBS, services_of
 from topologies.system.runs.runtime import EVENT_CAPTURE
 from views.events.event_sources import recorded
+from views.report.first_photons import first_photons
 from views.report.packets import messages
 from views.report.sequence import handshake, lanes
+from wire.controller_lines import read_record
 from wire.metadata.setup import Setup
 from wire.parameters.network import OPENFLOW_PORT
 from wire.results.run_result import NetworkFacts
+
+KEY_SERVICES = frozenset(
+    service
+    for name, verb in VERBS.items()
+    if verb.keys and not verb.line
+    for service in services_of(name)
+)
 
 
 def newest_setup_ns(folder: Path, network: NetworkFacts) -> int:
@@ -38,3 +48,16 @@ def drawn_handshake(folder: Path, network: NetworkFacts) -> str:
     ]
     steps, _more = handshake(folder, network, events, OPENFLOW_PORT, since_ns)
     return handshake_diagram(steps, lanes(steps, network))
+
+
+def newest_photons(folder: Path) -> str:
+    """Return the table of the newest session of a key; "" if none has measured light yet."""
+    capture = folder / EVENT_CAPTURE
+    events = [e for e in recorded(capture, follow=False) if e.first] if capture.exists() else []
+    for fact in reversed(read_record(folder)):
+        if fact["event"] == "granted" and fact["service"] in KEY_SERVICES:
+            session = int(fact["session"], 16)
+            own = [event for event in events if event.block.session == session]
+            if made := first_photons(own, (fact["from"], fact["to"])):
+                return made
+    return ""

@@ -4,13 +4,14 @@ GET  /SECRET/                 the page, and its modules beside it
 GET  /SECRET/network.json     nodes with places, fibres, copper
 GET  /SECRET/messages?after=N server-sent events: lists of messages (timeline.py)
 GET  /SECRET/handshake        the newest handshake as the report draws it
+GET  /SECRET/photons          the first photons of the newest key session, likewise
 POST /SECRET/act              one of acts.py, as JSON
 """
 
 import asyncio
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -48,21 +49,22 @@ class View:
     folder: Path  # of the run
     live: bool  # whether it goes on, or is over
     acts: bool  # whether one may act
-    handshake: Callable[[], str]  # an element of the page, or words in its place
+    drawings: Mapping[str, Callable[[], str]]  # elements of the page by the last part of the path
     pace: Pace = field(default_factory=Pace)
     over: str = "a run that is over"  # of one that does not go on
     opening_s: float = -math.inf  # when a page was asked for that has not asked for messages yet
     now_ns: Callable[[], int] = time.time_ns  # as events are stamped
     streams: set["asyncio.Task[Any]"] = field(default_factory=set)  # of messages, being sent
     _drawing: asyncio.Lock = field(default_factory=asyncio.Lock)
-    _drawn: tuple[float, str] = (-math.inf, "")  # the handshake, and when
+    _drawn: dict[str, tuple[float, str]] = field(default_factory=dict)  # and when
 
-    async def drawn_handshake(self) -> str:
-        """Return the newest handshake: many viewers have it drawn once."""
+    async def drawn(self, name: str) -> str:
+        """Return a drawing: many viewers have it drawn once."""
         async with self._drawing:
-            if time.monotonic() - self._drawn[0] > LIVE_DRAWN_S:
-                self._drawn = time.monotonic(), await asyncio.to_thread(self.handshake)
-        return self._drawn[1]
+            if time.monotonic() - self._drawn.get(name, (-math.inf,))[0] > LIVE_DRAWN_S:
+                made = await asyncio.to_thread(self.drawings[name])
+                self._drawn[name] = time.monotonic(), made
+        return self._drawn[name][1]
 
 
 async def serve(
@@ -81,7 +83,7 @@ async def serve(
         [
             (rf"/{path}/network.json", Network, {**given, "number": place.number}),
             (rf"/{path}/messages", Messages, given),
-            (rf"/{path}/handshake", Handshake, given),
+            (rf"/{path}/({'|'.join(view.drawings)})", Drawing, given),
             (rf"/{path}/act", Act, given),
             (rf"/{path}/()", Index, {**given, "path": str(PAGE), "default_filename": INDEX}),
             (rf"/{path}/(report\.css)", File, {"path": str(STYLE.parent)}),
@@ -177,12 +179,12 @@ class Network(Answer):
         )
 
 
-class Handshake(Answer):
-    """The drawing of the newest handshake."""
+class Drawing(Answer):
+    """One of the view's drawings."""
 
-    async def get(self) -> None:
+    async def get(self, name: str) -> None:
         self.set_header("Content-Type", "text/html; charset=utf-8")
-        self.write(await self.view.drawn_handshake())
+        self.write(await self.view.drawn(name))
 
 
 class Messages(Answer):

@@ -21,7 +21,7 @@ from topologies.system.processes.programs import NetworkError
 from views.archive.named_run import add_run
 from views.live import command_page
 from views.live.address import Place, place_given, say, until_a_signal
-from views.live.handshakes import drawn_handshake
+from views.live.handshakes import drawn_handshake, newest_photons
 from views.live.layout import described
 from views.live.pages import kept_of_machine
 from views.live.server import View, serve
@@ -124,5 +124,8 @@ def _view(folder: Path, network: NetworkFacts, timeline: Timeline, live: bool, a
         folder,
         live,
         acts,
-        lambda: drawn_handshake(folder, network),
+        {
+            "handshake": lambda: drawn_handshake(folder, network),
+            "photons": lambda: newest_photons(folder),
+        },
     )

@@ -16,7 +16,7 @@ from recorded_run import NETWORK, events, record_run
 
 from dispatcher.layer.history import EventCapture
 from qmn.printable_text import printable
-from views.live.handshakes import drawn_handshake
+from views.live.handshakes import drawn_handshake, newest_photons
 from views.live.layout import described
 from views.report.run_facts import read_result
 from wire.dispatcher_pb2 import Event
@@ -143,11 +143,12 @@ def test_no_string_is_markup_of_the_report(runs: Path) -> None:
 
 
 def test_no_string_is_markup_of_the_live_page(runs: Path) -> None:
-    """The page gets JSON, of which it makes text; its one element that is HTML is the drawing."""
+    """The page gets JSON, of which it makes text; its elements that are HTML are drawings."""
     run = hostile(runs)
     _result, network = read_result(run)
     assert HOSTILE in json.loads(json.dumps(described(network)))["nodes"][0]["name"]
     assert "i onload" not in Tags(drawn_handshake(run, network)).found
+    assert "i onload" not in Tags(newest_photons(run)).found
     page = Path(str(sys.modules[described.__module__].__file__)).with_name("page")
     html = [file.name for file in page.glob("*.js") if "innerHTML" in file.read_text()]
     assert html == ["ladder.js"]

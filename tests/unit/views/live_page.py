@@ -30,8 +30,9 @@ def unused() -> Times:
 def live(folder: Path, acts: bool = True, most: int = 1000) -> View:
     """Return a view of a network that goes on, of which nothing is known yet."""
     timeline = Timeline(START_NS, most)
-    drawn, pace = "<p>drawn</p>", Pace(unused)
-    return View("a network", described(NETWORK), timeline, folder, True, acts, lambda: drawn, pace)
+    drawings = {"handshake": lambda: "<p>drawn</p>", "photons": lambda: "<p>twenty</p>"}
+    network = described(NETWORK)
+    return View("a network", network, timeline, folder, True, acts, drawings, Pace(unused))
 
 
 @contextmanager

@@ -5,17 +5,22 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
+from urllib.parse import unquote
 
 import pytest
 from limits import SOON_S, wait_until
-from recorded_run import MS, START_NS
+from recorded_run import MS, NETWORK, START_NS
 
+from dispatcher.layer.history import EventCapture
 from views.events import event_sources
+from views.live.handshakes import newest_photons
 from views.live.sources import _follow_lines, following
 from views.live.timeline import Timeline
 from views.report.run_facts import SENDER_LOG
 from wire.config import DispatcherConfig
 from wire.controller_lines import RECORD
+from wire.dispatcher_pb2 import BlockId
+from wire.dispatcher_pb2 import Event as QuantumEvent
 
 Write = Callable[[bytes], None]
 NOW_NS = START_NS + 7 * MS
@@ -77,3 +82,21 @@ def test_records_of_the_controller_and_words_of_the_job_are_followed(tmp_path: P
     with following(timeline, config, tmp_path):
         wait_until(lambda: len(told(timeline)) == 2, "both are told")
     assert {(each["what"], each["n"]) for each in told(timeline)} == {("controller", 1), ("job", 2)}
+
+
+def test_the_first_photons_are_of_the_newest_session_of_a_key(tmp_path: Path) -> None:
+    """By hand: bob's basis is alice's in one of two photons; session 3 carries no key."""
+    assert newest_photons(tmp_path) == ""
+    with (tmp_path / "quantum.pcapng").open("wb") as opened:
+        capture = EventCapture(opened, NETWORK.fibers)
+        for session, state in ((1, "|0>"), (2, "|1>"), (3, "|+>")):
+            block = BlockId(session=session)
+            sent = QuantumEvent(node="alice", kind="create", block=block, first=[state, "|+>"])
+            seen = QuantumEvent(node="bob", kind="measure", block=block, first=["Z 1", "Z 0"])
+            capture.record(sent, seen)
+    named = {"time_ns": START_NS, "event": "granted", "from": "alice", "to": "bob"}
+    services = {1: "bb84", 2: "bb84", 3: "teleport", 4: "bb84"}  # of 4 no light has come
+    facts = [{**named, "session": f"{n:016x}", "service": name} for n, name in services.items()]
+    (tmp_path / RECORD).write_text("".join(json.dumps(fact) + "\n" for fact in facts))
+    rows = unquote(newest_photons(tmp_path).split("data:text/csv,")[1].split('"')[0])
+    assert rows.splitlines()[1:] == ["1,Z,1,Z,1,yes", "2,X,0,Z,0,"]

@@ -30,7 +30,7 @@ def test_a_finished_run_is_shown_at_any_time(
 ) -> None:
     folder = record_run(tmp_path)
     network = described(read_result(folder)[1])
-    view = View("over", network, timeline_of_run(folder), folder, False, False, lambda: "")
+    view = View("over", network, timeline_of_run(folder), folder, False, False, {"handshake": str})
     with served(view) as url:
         page = opened(chromium, url, said)
         expect(page.locator("#status")).to_have_text("a run that is over")
@@ -179,6 +179,7 @@ def test_a_key_session_shows_its_error_rate_its_limit_and_eve(
             "She so knows 50.0 % of the sifted bits, and makes 25.0 % of them wrong."
         )
         expect(page.locator(".node.eve")).to_have_count(1)
+        expect(shown.locator("#photons")).to_have_text("twenty")
         noisy = {"qber": 0.26923, "qber_low": 0.2135, "qber_high": 0.3333}
         view.timeline.add("job", START_NS + 5 * 10**9, {**figures, **noisy})
         failed = {"event": "failed", "reason": "TOO_NOISY", "text": "no key: 56 of 208 bits"}

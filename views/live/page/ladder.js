@@ -1,12 +1,13 @@
-// The newest handshake: the server draws it when it is looked at, and again for another session.
+// Drawings of the newest session: the server makes one when it is looked at, and again for another session.
 
 const SETTLED_S = 1; // behind the beginning of a session: its handshake is over
 const CHEAP_MS = 1000; // to draw it: what takes longer is drawn by the button alone, after the first time
+const AGAIN_MS = 6000; // until what there was not yet is asked for again
 
 export class Ladder {
-  constructor(place, button) {
-    Object.assign(this, { place, button, seen: false, of: null, took: 0, newest: null });
-    button.addEventListener("click", () => this.draw());
+  constructor(place, button) { // the place has the name of the drawing
+    Object.assign(this, { place, button, seen: false, of: null, took: 0, newest: null, busy: false });
+    button?.addEventListener("click", () => this.draw());
     new IntersectionObserver(([entry]) => { this.seen = entry.isIntersecting; this.look(); }).observe(place.parentElement);
   }
 
@@ -18,19 +19,21 @@ export class Ladder {
   }
 
   look() {
-    if (this.seen && this.newest && this.newest !== this.of && !this.button.disabled && this.took < CHEAP_MS) this.draw();
+    if (this.seen && this.newest && this.newest !== this.of && !this.busy && this.took < CHEAP_MS) this.draw();
   }
 
   async draw() {
-    const began = performance.now(), of = this.newest;
-    this.button.disabled = true;
-    if (!this.place.childNodes.length) this.place.textContent = "drawing …";
+    const began = performance.now(), of = this.newest, { place, button } = this;
+    const work = (busy) => { this.busy = busy; if (button) button.disabled = busy; };
+    work(true);
+    if (button && !place.childNodes.length) place.textContent = "drawing …";
     try {
-      this.place.innerHTML = await (await fetch("handshake")).text();
+      place.innerHTML = await (await fetch(place.id)).text();
     } catch (error) {
-      this.place.textContent = `The view does not answer (${error.message}): has the network ended?`;
+      place.textContent = `The view does not answer (${error.message}): has the network ended?`;
     }
     Object.assign(this, { of: of ?? "", took: performance.now() - began });
-    this.button.disabled = false;
+    if (!place.childNodes.length) setTimeout(() => { this.of = null; this.look(); }, AGAIN_MS);
+    work(false);
   }
 }

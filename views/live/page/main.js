@@ -21,7 +21,7 @@ const networks = new Networks(network.number, at("networks"), view, () => status
 const drawing = new Drawing(at("network"), network, choose);
 const SHORTEST_S = 3; // to play it all
 const SETTLED_S = 1.5; // behind the last message: rates, which are of a second, are 0
-const pictures = new Pictures(draw), ladder = new Ladder(at("handshake"), at("draw"));
+const pictures = new Pictures(draw), ladders = [new Ladder(at("handshake"), at("draw")), new Ladder(at("photons"))];
 let drawn = { count: -1, t: -1 }, state = timeline.state;
 
 document.title = `${network.name} · qmn`;
@@ -121,7 +121,7 @@ function tables() {
   qkd.show(state, drawing.tapped(state));
   if (view.chosen) acts.refresh(at("chosen"), view.chosen, state);
   else panels.paths(at("paths"), drawing.paths(state));
-  ladder.changed(state, pictures.seldom);
+  for (const each of ladders) each.changed(state, pictures.seldom);
   status();
 }
 
