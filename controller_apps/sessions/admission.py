@@ -211,9 +211,12 @@ class Search(NamedTuple):
             most = most_pairs(network, found, wanted, 1 if heralded else MAX_UNDER_WAY)
             return Admission(paths=found, block_pairs=most)
         free = limits._replace(blocked=Limits().blocked)
-        if isinstance(swapping(network, path, count, free, heralded), str):
-            return Admission(Reason.NO_CHAIN, detail=found, obstacle=found)
-        return Admission(Reason.BUSY, waits_for_light=True)
+        if not isinstance(swapping(network, path, count, free, heralded), str):
+            return Admission(Reason.BUSY, waits_for_light=True)
+        at_any_loss = free._replace(loss_budget_mdb=None)
+        lossy = not isinstance(swapping(network, path, count, at_any_loss, heralded), str)
+        reason = Reason.LOSS_TOO_HIGH if lossy else Reason.NO_CHAIN
+        return Admission(reason, detail=found, obstacle=found)
 
     def _legs(self, limits: Limits) -> list[Leg] | Admission:
         """Return the ports that light must connect, or why it cannot."""

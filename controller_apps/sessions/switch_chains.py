@@ -99,8 +99,8 @@ def swapping(
             return f"{network.name_of(path.hops[place].dpid)} has no free source"
     budget_mdb, most_mdb = limits.loss_budget_mdb, _most_loss_mdb(network, path, able)
     if budget_mdb is not None and most_mdb > budget_mdb:
-        text = f"a link of the chain loses {most_mdb / 1000:g} dB, "
-        return text + f"more than the loss budget of {budget_mdb / 1000:g} dB"
+        text = f"a link of the chain loses {most_mdb / 1000:g} dB: "
+        return text + f"raise --loss-budget-db ({budget_mdb / 1000:g}), or shorten its fibres"
     lit = (_heralded_light if heralded else _light)(path, able)
     paths = tuple(replace(each, rotation=_rotation(network, each.hops)) for each in lit)
     hops = [hop for each in paths for hop in each.hops]

@@ -129,7 +129,10 @@ def test_a_chain_that_lacks_parts_is_refused_by_name(inner: frozenset[int], text
 def test_the_loss_budget_is_of_each_link(loss_mdb: int, count: int, link_db: float) -> None:
     """A link between neighbours passes two switches; from the only swap to bob it passes four."""
     actions = asked(Arbiter(line(4, loss_mdb=loss_mdb), HOLD_S, IDLE_S, 30.0), count)
-    assert f"a link of the chain loses {link_db} dB" in refusal(actions).obstacle
+    refused = refusal(actions)
+    assert refused.reason == Reason.LOSS_TOO_HIGH
+    text = f"a link of the chain loses {link_db} dB: raise --loss-budget-db (30), or shorten its"
+    assert refused.obstacle == text + " fibres"
     assert hops(asked(Arbiter(line(4, loss_mdb=loss_mdb - 1), HOLD_S, IDLE_S, 30.0), count))
 
 
