@@ -107,6 +107,7 @@ class QuantumMetadata(App):
         self.mac_table, self.state = mac_table, state
         self._ticks = Ticks(config.time, SESSION_TICK_S)
         self._watch_ticks = Ticks(config.time, WATCH_TICK_S, WATCH)
+        self._held = False  # whether messages waited for switches at the last look
         names = {dpid: name for name, dpid in config.quantum_switches.items()}
         self.network = Network(names=names)
         self.arbiter = _arbiter(self.network, config)
@@ -191,6 +192,9 @@ class QuantumMetadata(App):
     def _do(self, actions: list[Action]) -> None:
         for action in actions:
             self._performers.get(type(action), self.switches.send)(action)
+        if self.arbiter.holds or self._held:
+            self._ticks.wake_by(self.arbiter.next_slot_s(self._now()))
+        self._held = self.arbiter.holds
 
     def _tell_monitor(self, event: Event) -> None:
         self.send_event(DEVICE_MONITOR, event)

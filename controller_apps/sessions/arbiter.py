@@ -44,6 +44,7 @@ Each event ends with a look at the queue, because any of them may have freed lig
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import islice
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop, Network
@@ -122,7 +123,13 @@ class Arbiter:
 
     def next_slot_s(self, now: float) -> float:
         """Return when there is something to do that must not wait for the next tick."""
-        return self.grants.next_start(now)
+        ends = (each.started + self.hold_timeout_s for each in self.sessions.held.values())
+        return min([self.grants.next_start(now), *islice(ends, 1)])  # the first has waited longest
+
+    @property
+    def holds(self) -> bool:
+        """Whether messages wait for switches."""
+        return bool(self.sessions.held)
 
     def segment_arrived(self, dpid: int, in_port: int, frame: bytes, now: float) -> list[Action]:
         try:
