@@ -221,7 +221,7 @@ class SwitchMemories:
     def states(self, switch: str) -> Iterator[SwitchStatisticsReply.Memory]:
         for node, part in self._layer.network.memories.items():
             if part.switch == switch:
-                held = self._held[node]
+                held = [block for block in self._held[node] if block.register.remaining]
                 yield SwitchStatisticsReply.Memory(
                     port=int(part.ports[0]),
                     held=sum(block.register.remaining for block in held),
@@ -260,12 +260,23 @@ class SwitchMemories:
         return task
 
     async def _expire(self, block: Block) -> None:
+        """Drop what is too old, whose block leaves in its turn, and end the wait of the block."""
         clock = self._layer.clock
         emits = block.node in self._layer.network.parts[Kind.EMITTER]
-        cutoff_s = min(block.cutoff_s, MEMORY_WAIT_S + FIRST_HERALD_S * emits)
-        await clock.wait_until(block.last_ns + int(cutoff_s * 1e9))
+        longest_s = MEMORY_WAIT_S + FIRST_HERALD_S * emits
+        if block.cutoff_s < longest_s:
+            await clock.wait_until(block.last_ns + int(block.cutoff_s * 1e9))
+            self._drop_old(block)
+        await clock.wait_until(block.last_ns + int(longest_s * 1e9))
         self._take(block)
         self._discard(block, BellOutcomes.CUT_OFF, "cut_off")
+
+    def _drop_old(self, block: Block) -> None:
+        every = np.ones(block.register.size, bool)
+        extra_pairs.darken(self._layer.sabot, block, every)
+        dropped = self._layer.sabot.lose(block.register, every)
+        self._counts[block.node]["cut_off"] += dropped
+        self._layer.record(block.node, "expire", block, block.port, f"dropped={dropped}")
 
     def _ended(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)

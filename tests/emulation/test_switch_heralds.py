@@ -77,6 +77,18 @@ def test_a_chain_goes_on_behind_blocks_of_which_a_link_heralds_nothing(tmp_path:
     assert heralds - empty <= asking["shared"] == asking["emitted"]
 
 
+def test_pairs_that_a_switch_cuts_off_are_made_again(tmp_path: Path) -> None:
+    """The second link takes as long on average as q2 keeps what the first one heralds at once."""
+    cutoff_s, passed = 0.1, 0.5 * 10 ** (-0.2 * 5 / 10)
+    attempts = 20 * cutoff_s / (2 * 5e3 / M_PER_S)
+    words = rarely(sqrt(2 / attempts) / passed)
+    words += ["--block-pairs", "1", "--count", "8", "--switch", f"q2.memory.cutoff_s={cutoff_s}"]
+    asking = result_of(tmp_path, "swap", *words)["job"]["asking"]
+    log = (tmp_path / "latest" / "quantum.log").read_text()
+    assert asking["pairs"] == 8
+    assert log.count(" expire ") > 0
+
+
 @pytest.mark.nightly
 def test_a_link_that_never_heralds_ends_the_session_after_ten_blocks(tmp_path: Path) -> None:
     done = run(tmp_path, "swap", *rarely(1e-12))

@@ -1,5 +1,6 @@
 """Memories of a switch: light waits there until a cross-connect leads it on, or ends by name."""
 
+import asyncio
 import math
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 import uvloop
 from dispatcher_network import FAST_HZ, Bench, block, configuration, running
+from limits import SOON_S
 from test_switch_analysers import PAIRS, PatientClock, Scene, correlated
 
 from wire.dispatcher_pb2 import (
@@ -395,7 +397,7 @@ def test_a_cut_off_can_be_set_and_is_of_memories_alone(tmp_path: Path) -> None:
         await scene.bench.switch.call("TunePort", set_it)  # the clock jumps over less than 1 s
         await scene.emit(scene.bench.alice, "alice-q0", 0)
         await require_stored(scene, ONE)
-        assert (await scene.report()).end == BellOutcomes.CUT_OFF
+        await require_cut_off(scene)
         for port, cutoff_s in ((3, 0.5), (FIRST, 0.5), (ONE, 0.0), (ONE, math.nan)):
             wrong = TunePortRequest(switch="q1", port=port, cutoff_s=cutoff_s)
             with pytest.raises(grpc.aio.AioRpcError, match="give more than 0 s to a memory"):
@@ -414,8 +416,43 @@ def test_photons_that_are_too_old_when_the_last_has_come_are_counted_as_cut_off(
         await scene.emit(scene.bench.alice, "alice-q0", 0)
         report = await scene.report()
         assert (report.end, report.outcomes[0]) == (BellOutcomes.STORED, 255)
-        assert (await scene.report()).end == BellOutcomes.CUT_OFF
-        assert (await states(scene))[0] == (0, PAIRS, 0, PAIRS, 0)
+        await require_cut_off(scene)
+
+    play(tmp_path, act)
+
+
+async def require_cut_off(scene: Scene) -> None:
+    """Fail unless the first memory drops all of a block, which ends 5 s after it came."""
+    await until_cut_off(scene)
+    scene.clock.over.set()
+    assert (await scene.report()).end == BellOutcomes.CUT_OFF
+
+
+async def until_cut_off(scene: Scene) -> None:
+    async with asyncio.timeout(SOON_S):
+        while (await states(scene))[0] != (0, PAIRS, 0, PAIRS, 0):
+            await asyncio.sleep(0.005)
+
+
+def test_a_block_that_is_cut_off_is_swapped_in_its_turn_as_no_pulse(tmp_path: Path) -> None:
+    async def act(scene: Scene) -> None:
+        bench, connections = scene.bench, [*STORING]
+        for number, cutoff_s in enumerate((0.5, 9.0)):
+            tune = TunePortRequest(switch="q1", port=ONE, cutoff_s=cutoff_s)
+            await bench.switch.call("TunePort", tune)
+            await bench.switch.connect(*connections)
+            await scene.emit(bench.alice, "alice-q0", 2 * number)
+            await require_stored(scene, ONE)
+            if not number:
+                await until_cut_off(scene)
+            await scene.emit(bench.bob, "bob-q0", 2 * number + 1)
+            await require_stored(scene, TWO)
+            for port in (ONE, TWO):
+                await keep(scene, port, number + 1, np.arange(PAIRS))
+            connections = [*STORING, *LEADING]
+            await bench.switch.connect(*connections)
+            outcomes = await swapped(scene)
+            assert (outcomes.size, 255 in outcomes) == (PAIRS * number, False)
 
     play(tmp_path, act)
 
