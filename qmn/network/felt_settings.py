@@ -44,12 +44,8 @@ GATES = _of("gates") - READOUT - PROGRAMS
 PAULIS: Settings = frozenset(
     f"gates.{name}" for name in ("one_qubit_depolarizing", "one_qubit_s", "noise")
 ) | {"gates.noise_parameters"}
-KEEPING = (
-    _of("memory", "detectors", "compensator") | GATES | READOUT
-)  # what is kept is measured, too
-LOOKING = _of(
-    "detectors", "memory", "compensator"
-)  # light that comes before its order waits in the memory
+KEEPING = _of("memory", "detectors") | GATES | READOUT  # what is kept is measured, too
+LOOKING = _of("detectors", "memory")  # light that comes before its order waits in the memory
 EMITTING = _of("emitter") | {
     f"source.{name}" for name in ("statistics", "bandwidth_nm", "jitter_ps", "encoding")
 }
@@ -59,8 +55,8 @@ BELL = {
     (Service.SDC, Role.ACCEPTOR),
 }
 BESIDES = {
-    (Service.SDC, Role.OPENER): PAULIS | _of("memory", "compensator"),
-    (Service.SDC_RETURN, Role.OPENER): PAULIS | _of("memory", "compensator"),
+    (Service.SDC, Role.OPENER): PAULIS | _of("memory"),
+    (Service.SDC_RETURN, Role.OPENER): PAULIS | _of("memory"),
 }
 EVE = "eve"  # passes light on
 NODES = {"fiber": "fibre", "switch": "quantum switch"}
@@ -125,7 +121,7 @@ def felt_by(
             found |= Felt({host: _of_role(asked, role, by, parts.hosts[host])})
         for start, end in beams(asked, by) if sends_light else ():
             light = HostBeams(frozenset({roles[start.role]}), frozenset({roles[end.role]}))
-            found |= Felt({}, frozenset({light}))
+            found |= Felt({roles[end.role]: _of("compensator")}, frozenset({light}))
         if asked == Service.SWAP or by == Making.STATION:  # light goes to switches between them
             ends = frozenset({opener, acceptor})
             found |= Felt({}, frozenset({HostBeams(ends, ends)}))

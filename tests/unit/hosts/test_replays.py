@@ -219,8 +219,9 @@ def _outcome(listener: QuantumSocket | ServiceSocket) -> str:
 @pytest.mark.parametrize(
     ("emit", "reason", "words"),
     [
-        (Emit(5, 1, 0, 1000), Reason.UNSUPPORTED, "a block of 0 pairs: choose 1 to 262144"),
-        (Emit(5, 1, 262_145, 1000), Reason.UNSUPPORTED, "a block of 262145 pairs: choose 1 to"),
+        (Emit(5, 1, 0, 1000), Reason.UNSUPPORTED, "a block of 0 pairs: choose 1 to 4000000000"),
+        (Emit(5, 1, 4_000_000_001, 1000), Reason.UNSUPPORTED, "a block of 4000000001 pairs: choo"),
+        (Emit(5, 1, 262_145, 1000), Reason.HARDWARE, "262145 photons at rate_hz 1000 take 262 s"),
         (Emit(5, 1, 10, 0), Reason.NOT_ALLOWED, "0 pairs a second: 1000 at most were granted"),
         (Emit(5, 1, 10, 1001), Reason.NOT_ALLOWED, "1001 pairs a second: 1000 at most were gra"),
         (Emit(6, 1, 10, 1000), Reason.PROTOCOL, "sent Emit of session 0000000000000006 over a"),
