@@ -90,6 +90,9 @@ def among(values: NDArray[np.int64], slots: Slots) -> Mask:
     """Return which values are among slots, which ascend."""
     if not slots.size:
         return np.zeros(values.size, dtype=bool)
+    if slots.size * MANY >= slots[-1]:
+        last = int(slots[-1])
+        return np.asarray(marked(slots, last + 2)[np.minimum(values, last + 1)], np.bool_)
     nearest = slots[np.minimum(slots.searchsorted(values), slots.size - 1)]
     return np.equal(nearest, values)
 

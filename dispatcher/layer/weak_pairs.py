@@ -31,6 +31,7 @@ from dispatcher.layer.weak_pulses import (
     Pulses,
     WeakPulses,
     first_layer,
+    in_order,
 )
 from dispatcher.photon_random import PhotonRandom, PhotonsByKey
 from dispatcher.sabot.backend import Bytes
@@ -66,10 +67,11 @@ class Pairs:
         numbers = np.repeat(np.arange(cells.size), cells)
         ranks = np.arange(numbers.size) - np.repeat(cells.cumsum() - cells, cells)
         keys = (numbers << RANK_BITS | ranks).astype(np.uint64)
-        fates = [self._fates(keys, half) for half in (0, 1)]
+        never = np.ones(keys.size)
+        fates = [self._fates(keys, half) if each else never for half, each in enumerate(most)]
         some = np.flatnonzero((fates[0] < most[0]) | (fates[1] < most[1]))
         pulses = self._pulses(keys[some])
-        order = np.argsort(pulses, kind="stable")
+        order = in_order(pulses)
         pulses, some = pulses[order], some[order]
         one, other = (Photons(pulses, each[some], keys[some]) for each in fates)
         return one, other

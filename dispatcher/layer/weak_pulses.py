@@ -170,7 +170,7 @@ class LaserPulses(WeakPulses):
         layers = range(first_layer(threshold), LAYERS + 1)
         pulses, fates = map(np.concatenate, zip(*map(self._layer, layers), strict=True))
         some = np.flatnonzero(fates < threshold)
-        order = some[np.argsort(pulses[some], kind="stable")]
+        order = some[in_order(pulses[some])]
         return Photons(pulses[order], fates[order], identities(pulses[order], fates[order]))
 
     def _layer(self, number: int) -> tuple[Pulses, NDArray[np.float64]]:
@@ -180,6 +180,13 @@ class LaserPulses(WeakPulses):
         count = random.poisson(self.count * self.mean * (most - least))
         pulses = np.sort(random.integers(0, self.count, count))
         return pulses, least + random.random(count) * (most - least)
+
+
+def in_order(pulses: Pulses) -> NDArray[np.int64]:
+    """Return the order of photons by their pulses; those of one pulse stay as they are."""
+    bits = pulses.size.bit_length()
+    placed = np.sort(pulses << bits | np.arange(pulses.size))
+    return placed & ((1 << bits) - 1)
 
 
 def first_layer(threshold: float) -> int:
