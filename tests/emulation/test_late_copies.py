@@ -18,6 +18,7 @@ DELAYS_MS = 0, 1, 5, 20, 100  # of the copper to q1, q2, …
 WAYS = 4  # copy, PACKET_IN, entries, barrier's reply
 SWITCHING_MS = 1e-4  # of a path, by default
 HELD_S = 5.0  # as c0 waits for copies (wire.config.ControllerConfig.hold_timeout_s)
+ACKNOWLEDGED_S = 0.2  # within which TCP acknowledges, and what waited for that goes on
 SCRIPT = f"""
 import sys
 
@@ -71,7 +72,7 @@ def test_light_is_as_late_as_the_copy_and_refused_by_name_without_one(tmp_path: 
     expected_ms = [WAYS * delay_ms + SWITCHING_MS for delay_ms in DELAYS_MS]
     assert set_up_ms == pytest.approx(expected_ms, abs=1e-4)
     refused_s, _space, why = done.stdout.partition(" ")
-    assert float(refused_s) == pytest.approx(HELD_S, abs=1e-3)
+    assert HELD_S <= float(refused_s) < HELD_S + ACKNOWLEDGED_S
     assert "q1" in why
     page = (ROOT / "docs" / "metadata-at-switch.md").read_text()
     shown = re.findall(r"^\| (\d+) ms \| ([\d.]+) ms \|$", page, re.MULTILINE)
