@@ -15,6 +15,7 @@ from views.report.drawing import (
     LEGEND_INCHES,
     METADATA,
     MUTED,
+    OPENFLOW,
     QUANTUM,
     RIGHT_INCHES,
     SMALL_INCHES,
@@ -23,8 +24,12 @@ from views.report.light_paths import LightPath
 
 KEY_STEPS_INCHES = 1.1
 MAX_BINS = 60
+MOST_BARS = 30  # of error rates: more are a band
 MAX_RATIO = 50  # of counts on one scale
 SYMBOLS = {3: "012", 4: ("00 Φ+", "01 Ψ+", "10 Φ-", "11 Ψ-")}  # three states carry no whole bits
+
+
+Rate = tuple[float, float, float, float]  # a time in seconds, a value and its bounds
 
 
 @drawing.styled
@@ -119,7 +124,7 @@ def key_steps(counts: Mapping[str, int]) -> str:
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter(EngFormatter())
     axes.minorticks_off()
-    axes.set_xlim(1, 30 * max(counts.values()))
+    axes.set_xlim(1, 300 * max(counts.values()))
     axes.set_yticks(places, [*counts])
     axes.invert_yaxis()
     axes.grid(visible=False, axis="y")
@@ -128,22 +133,44 @@ def key_steps(counts: Mapping[str, int]) -> str:
 
 
 @drawing.styled
-def error_rate(qber: float, interval: tuple[float, float], most: float) -> str:
-    """Draw an error rate with its interval, and the rate above which there is no key."""
-    low, high = interval
+def error_rate(rates: Sequence[Rate], most: float) -> str:
+    """Draw the error rate of key after key with its interval, and above which there is no key."""
     made, axes = drawing.figure(*SMALL_INCHES)
-    colour = BAD if qber > most else QUANTUM
-    error = [[100 * (qber - low)], [100 * (high - qber)]]
-    axes.errorbar([0], [100 * qber], error, fmt="o", color=colour, capsize=6, markersize=7)
-    axes.annotate(f"{100 * qber:.3g} %", (0, 100 * qber), (12, 0), textcoords="offset points")
+    seconds, value, low, high = np.array(rates).T * [[1], [100], [100], [100]]
+    colour = BAD if value[-1] > 100 * most else QUANTUM
+    if len(seconds) > MOST_BARS:
+        axes.plot(seconds, value, color=colour, linewidth=1.8)
+        axes.fill_between(seconds, low, high, color=colour, alpha=0.2, linewidth=0)
+    else:
+        axes.errorbar(seconds, value, [value - low, high - value], fmt="o-", color=colour,
+                      capsize=4, markersize=5, elinewidth=1.2)  # fmt: skip
+    axes.annotate(f"{value[-1]:.3g} %", (seconds[-1], value[-1]), (4, 6),
+                  textcoords="offset points")  # fmt: skip
     axes.axhline(100 * most, color=MUTED, linestyle="--", linewidth=1.2)
-    axes.annotate(f"no key above {100 * most:g} %", (-0.95, 100 * most), (0, 4),
-                  textcoords="offset points", color=MUTED)  # fmt: skip
-    axes.set_xlim(-1, 1)
-    axes.set_ylim(-1, max(30.0, 110 * high))
-    axes.set_xticks([])
+    axes.annotate(f"no key above {100 * most:g} %", (0.02, 100 * most), (0, 4), color=MUTED,
+                  xycoords=axes.get_yaxis_transform(), textcoords="offset points")  # fmt: skip
+    axes.set_xlim(0, 1.3 * max(seconds[-1], 1e-9))
+    axes.set_ylim(-1, max(30.0, 1.1 * high.max()))
+    axes.set_xlabel("time since the session began")
+    _seconds(axes)
     axes.set_ylabel("error rate, QBER (%)")
-    return drawing.svg(made, "error rate and its threshold")
+    return drawing.svg(made, "error rate over time, and its threshold")
+
+
+@drawing.styled
+def key_growth(seconds: Sequence[float], counts: Mapping[str, Sequence[int]]) -> str:
+    """Draw bits that have grown in number during the session."""
+    made, axes = drawing.figure(*SMALL_INCHES, top=LEGEND_INCHES)
+    for (label, values), colour in zip(counts.items(), (OPENFLOW, QUANTUM), strict=True):
+        axes.plot(seconds, values, color=colour, label=label, linewidth=1.8, drawstyle="steps-post")
+    axes.set_xlim(left=0)
+    axes.set_ylim(bottom=0)
+    axes.yaxis.set_major_formatter(EngFormatter())
+    axes.set_xlabel("time since the session began")
+    _seconds(axes)
+    axes.set_ylabel("bits so far")
+    made.legend(loc="upper center", ncols=2)
+    return drawing.svg(made, "sifted and secret bits over time")
 
 
 @drawing.styled

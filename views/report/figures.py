@@ -8,7 +8,8 @@ from views.fiber_use import fiber_use
 from views.report import charts, error_counts
 from views.report.bloch_diagram import bloch_diagram
 from views.report.chain_diagram import MOST_NODES, chain_diagram, chain_of
-from views.report.drawing import variable
+from views.report.drawing import BAD, variable
+from views.report.eavesdropped import Eavesdropped, eavesdropped
 from views.report.handshake_diagram import handshake_diagram
 from views.report.key_timeline import key_timeline
 from views.report.light_paths import LightPath, without_outcome
@@ -20,12 +21,13 @@ from views.report.run_facts import RunFacts
 from views.report.sequence import handshake, lanes
 from views.report.waits_diagram import MOST_HOSTS, waits_diagram
 from wire.metadata.vocabulary import SYMBOLS
-from wire.results.figures import KeyFigures, PairFigures, SentFigures, TeleportFigures
+from wire.results.figures import KeyFigures, KeyProgress, PairFigures, SentFigures, TeleportFigures
 from wire.results.run_result import KeysJob, LoadJob, ServiceJob
 from wire.results.time_series import KeyMoment
 
 MOST_NAMED = 12  # light paths, also in the figure of their losses
 MOST_WAITS = 10  # in a table
+FEW_LINES = 3  # of a session whose light came at once
 NOT_WRITTEN = "what happened to qubits was not written (--without events)."
 METADATA = (
     '<span class="metadata">quantum metadata</span> as it leaves one host and reaches another'
@@ -38,7 +40,17 @@ def network(run: RunFacts, paths: Sequence[LightPath]) -> str:
     text = "Fibres with length and loss, all in the table below"
     text += ". " if run.network.positions else "; dashed: copper. "
     draw = map_diagram if run.network.positions else network_diagram
-    return figure("The network", draw(run.network, paths), text + _legend(run, paths), "wide")
+    eve = eavesdropped(run.network, run.events)
+    drawn = draw(run.network, paths, eve)
+    return figure("The network", drawn, text + _legend(run, paths) + _measured(eve), "wide")
+
+
+def _measured(eve: Eavesdropped) -> str:
+    if not eve.fibers:
+        return ""
+    shares = (f"{name}: {share} of the photons" for name, share in eve.fibers.items() if share)
+    text = f' <b style="color: {variable(BAD)}">Dashed red: fibres that an eavesdropper measures'
+    return f"{text}</b>{escape('; '.join(['', *shares]))}."
 
 
 def _legend(run: RunFacts, paths: Sequence[LightPath]) -> str:
@@ -142,12 +154,20 @@ def key_distribution_figures(run: RunFacts) -> Iterator[str]:
     keys = run.result.asking
     if not isinstance(keys, KeyFigures):
         return
-    interval = keys.qber_low or 0.0, 1.0 if keys.qber_high is None else keys.qber_high
-    if keys.max_qber is not None and keys.qber is not None:
-        drawn = charts.error_rate(keys.qber, interval, keys.max_qber)
-        text = "Of the disclosed bits, with its interval of 95 %. An eavesdropper who measures and "
-        text += "resends all photons causes 25 %."
+    lines = [each for each in run.sender if isinstance(each, KeyProgress)]
+    rates = _error_rates(lines) or _error_rates([keys])
+    if keys.max_qber is not None and rates:
+        drawn = charts.error_rate(rates, keys.max_qber)
+        text = "Of the disclosed bits of each key, with its interval of 95 %. An eavesdropper who "
+        text += "measures and resends all photons causes 25 %."
         yield figure("Error rate", drawn, text)
+    if len(lines) > FEW_LINES:
+        counts = {
+            "sifted bits": [each.sifted_bits for each in lines],
+            "secret key bits": [each.key_bits for each in lines],
+        }
+        drawn = charts.key_growth([each.elapsed_s for each in lines], counts)
+        yield figure("Growth of the key", drawn, "As each key was made of its blocks of light.")
     if keys.photons:
         steps = {
             "photons": keys.photons,
@@ -158,6 +178,20 @@ def key_distribution_figures(run: RunFacts) -> Iterator[str]:
         text = "Sifting keeps bits measured in the same basis; error correction and privacy "
         text += "amplification shorten them."
         yield figure("From photons to key", charts.key_steps(steps), text)
+
+
+def _error_rates(lines: Sequence[KeyProgress]) -> list[charts.Rate]:
+    """Return time and error rate of each key; the first line without keys of its own: of all."""
+    found: list[charts.Rate] = []
+    for each in lines:
+        rate: Sequence[float | None] = each.newest_qber or ()
+        if not rate and not found:
+            rate = each.qber, each.qber_low, each.qber_high
+        match rate:
+            case [float(value), float(low), float(high)]:
+                if not found or (value, low, high) != found[-1][1:]:
+                    found.append((each.elapsed_s, value, low, high))
+    return found
 
 
 def pictures_of_states(run: RunFacts) -> Iterator[str]:
@@ -208,7 +242,8 @@ def _errors(run: RunFacts) -> str:
     title = "Errors over time"
     sender = run.result.hosts[0]
     found = error_counts.reported(run.folder, run.network, sender) or error_counts.printed(
-        run.sender, run.result.time_scale or 1.0
+        [each for each in run.sender if isinstance(each, SentFigures)],
+        run.result.time_scale or 1.0,
     )
     if found is None:
         return missing(title, "the sender reported nothing.")

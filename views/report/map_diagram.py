@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 
 from views.report import drawing
+from views.report.eavesdropped import NOBODY, Eavesdropped
 from views.report.labels import Labels
 from views.report.light_paths import LightPath
-from views.report.network_diagram import bundle, described, lit, node, used
+from views.report.network_diagram import bundle, described, edge, lit, node, used
 from views.report.places import MARGIN_INCHES, WIDTH_INCHES, Place, of_nodes, on_paper
 from wire.parameters.fiber import Fiber
 from wire.results.run_result import NetworkFacts
@@ -14,7 +15,7 @@ LINE_LETTERS = 20  # of a box
 
 
 @drawing.styled
-def map_diagram(facts: NetworkFacts, paths: Sequence[LightPath]) -> str:
+def map_diagram(facts: NetworkFacts, paths: Sequence[LightPath], eve: Eavesdropped = NOBODY) -> str:
     """Draw places where they are, or a little beside; between them fibres, light in colour."""
     nodes = of_nodes(facts)
     boxes = sorted(set(nodes.values()))
@@ -29,14 +30,14 @@ def map_diagram(facts: NetworkFacts, paths: Sequence[LightPath]) -> str:
     names = lit(paths)
     labels = Labels(axes, places.values())
     for ends, fibers in bundles.items():
-        bundle(axes, ends, fibers, paths, 1.0)
+        bundle(axes, ends, fibers, (paths, eve), 1.0)
         labels.add(ends, described(fibers), needed=used(fibers, names))
     labels.write()
     for at, place in places.items():
         here = [name for name, own in nodes.items() if own == at]
         hosts = [name for name in here if name in facts.addresses]
         first, *others = [*hosts, *(name for name in here if name not in hosts)]
-        node(axes, place, first, in_a_line(others), not hosts)
+        node(axes, place, first, in_a_line(others), edge(not hosts, not eve.nodes.isdisjoint(here)))
     return drawing.svg(made, "the network on its map: places, and fibres with length and loss")
 
 

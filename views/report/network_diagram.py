@@ -8,7 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.patches import FancyBboxPatch
 
 from views.report import drawing
-from views.report.drawing import GRID, INK, MUTED, PAPER, PATHS, QUANTUM
+from views.report.drawing import BAD, GRID, INK, MUTED, PAPER, PATHS, QUANTUM
+from views.report.eavesdropped import NOBODY, Eavesdropped
 from views.report.labels import BUNDLE_INCHES, Labels
 from views.report.light_paths import LightPath, fiber_name
 from views.report.places import LEAST_HEIGHT_INCHES, NODE_INCHES, WIDTH_INCHES, Place, columns
@@ -26,7 +27,9 @@ def path_colour(number: int) -> str:
 
 
 @drawing.styled
-def network_diagram(facts: NetworkFacts, paths: Sequence[LightPath]) -> str:
+def network_diagram(
+    facts: NetworkFacts, paths: Sequence[LightPath], eve: Eavesdropped = NOBODY
+) -> str:
     """Draw hosts, switches, copper and fibres with length and loss; each light path in colour."""
     filled = columns(facts)
     height = max(LEAST_HEIGHT_INCHES, NODE_ROW_INCHES * max(map(len, filled)))
@@ -45,11 +48,17 @@ def network_diagram(facts: NetworkFacts, paths: Sequence[LightPath]) -> str:
     labels = Labels(axes, places.values())
     for (one, two), fibers in bundles.items():
         narrowing = AT_SWITCH if one in facts.addresses else 1.0
-        bundle(axes, (places[one], places[two]), fibers, paths, narrowing)
+        bundle(axes, (places[one], places[two]), fibers, (paths, eve), narrowing)
         labels.add((places[one], places[two]), described(fibers), needed=used(fibers, names))
     labels.write()
     for name, place in places.items():
-        node(axes, place, name, facts.addresses.get(name, ""), name in quantum)
+        node(
+            axes,
+            place,
+            name,
+            facts.addresses.get(name, ""),
+            edge(name in quantum, name in eve.nodes),
+        )
     return drawing.svg(made, "the network: hosts, switches, fibres with length and loss")
 
 
@@ -81,13 +90,14 @@ def bundle(
     axes: Axes,
     ends: tuple[Place, Place],
     fibers: Sequence[Fiber],
-    paths: Sequence[LightPath],
+    light: tuple[Sequence[LightPath], Eavesdropped],
     narrowing: float,
 ) -> None:
-    """Draw fibres beside each other, and in each a line for every path through it.
+    """Draw fibres beside each other, in each a line for every path, on that of eve.
 
     On the right they are as far from each other as on the left, times `narrowing`.
     """
+    paths, eve = light
     apart = min(BESIDE_INCHES, BUNDLE_INCHES / max(len(fibers) - 1, 1))
     for number, fiber in enumerate(fibers):
         middle = (number - (len(fibers) - 1) / 2) * apart
@@ -96,6 +106,8 @@ def bundle(
             path_colour(n) for n, path in enumerate(paths) if name in {h.name for h in path.hops}
         ]
         colours = list(dict.fromkeys(colours))
+        if name in eve.fibers:
+            _line(axes, _moved(ends, middle, narrowing), BAD, width=6, dashed=True)
         if not colours:
             _line(axes, _moved(ends, middle, narrowing), MUTED)
         for stroke, colour in enumerate(colours):
@@ -119,7 +131,12 @@ def _line(
     axes.plot(*zip(*ends, strict=True), color=colour, linewidth=width, linestyle=style, zorder=2)
 
 
-def node(axes: Axes, place: Place, name: str, below: str, quantum: bool) -> None:
+def edge(quantum: bool, eavesdrops: bool) -> str:
+    """Return the colour of a node's box."""
+    return BAD if eavesdrops else QUANTUM if quantum else INK
+
+
+def node(axes: Axes, place: Place, name: str, below: str, colour: str) -> None:
     """Draw a box with a name, and a smaller line below it."""
     (x, y), (width, height) = place, NODE_INCHES
     box = FancyBboxPatch(
@@ -128,7 +145,7 @@ def node(axes: Axes, place: Place, name: str, below: str, quantum: bool) -> None
         height,
         boxstyle="round,pad=0.02,rounding_size=0.08",
         facecolor=PAPER,
-        edgecolor=QUANTUM if quantum else INK,
+        edgecolor=colour,
         linewidth=1.4,
         zorder=4,
     )

@@ -19,7 +19,7 @@ from wire.controller_lines import read_record
 from wire.dispatcher_pb2 import Event
 from wire.malformed import MalformedPacket
 from wire.metadata.vocabulary import SYMBOLS
-from wire.results.figures import ReceiverFigures, SentFigures
+from wire.results.figures import KeyProgress, ReceiverFigures, SentFigures
 from wire.results.run_result import RESULT, NetworkFacts, ServiceJob
 from wire.results.time_series import fields_of, figures
 
@@ -40,7 +40,7 @@ class RunFacts:
     network: NetworkFacts
     events: list[Event]  # of blocks, not of single photons
     setup_ms: list[float]  # of every light path
-    sender: list[SentFigures]  # lines of the sending application
+    sender: list[SentFigures | KeyProgress]  # lines of the asking application
 
     @property
     def confusion(self) -> NDArray[np.int64] | None:
@@ -70,6 +70,9 @@ def read_run(folder: Path) -> RunFacts:
     losses = [[switch.insertion_loss_db, switch.paths] for switch in network.switches]
     drawn: list[object] = [network.fibers, network.positions, losses]
     drawn += [result.time_scale, result.settings.loss_budget_db]
+    tells = result.message or isinstance(result.asking, KeyProgress)
+    sender = _sender_lines(folder / SENDER_LOG) if tells else []
+    drawn += sender
     job = vars(result.job)
     if not all(map(isfinite, _floats([*drawn, job.get("moments"), job.get("load")]))):
         raise BadRun(f"{folder / RESULT}: a number to be drawn is infinite, or NaN")
@@ -81,7 +84,7 @@ def read_run(folder: Path) -> RunFacts:
         network,
         [event for event in events if not event.photon],
         _setup_ms(read_record(folder)),
-        _sender_lines(folder / SENDER_LOG) if result.message else [],
+        sender,
     )
 
 
@@ -132,8 +135,8 @@ def _setup_ms(facts: list[dict[str, Any]]) -> list[float]:
     return typed_json.read(list[float], setup_ms, "setup_ms of light paths")
 
 
-def _sender_lines(file: Path) -> list[SentFigures]:
+def _sender_lines(file: Path) -> list[SentFigures | KeyProgress]:
     """Return how far the sender was, line by line; nothing if there is no log."""
     lines = file.read_text(errors="replace").splitlines() if file.exists() else []
     reports = (figures(line) for line in map(fields_of, lines) if line.get("event") in TELLING)
-    return [each for each in reports if isinstance(each, SentFigures)]
+    return [each for each in reports if isinstance(each, SentFigures | KeyProgress)]

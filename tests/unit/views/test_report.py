@@ -14,17 +14,17 @@ from recorded_run import ALICE, BOB, MS, NETWORK, SETUP, capture, record_run, ru
 
 from views.report import report_file
 from views.report.error_counts import reported
-from views.report.figures import _losses
+from views.report.figures import _error_rates, _losses, key_distribution_figures
 from views.report.first_photons import first_photons
 from views.report.light_paths import Hop, LightPath, light_paths
 from views.report.page import _fibers
 from views.report.report_file import NoReport, made_report, report_of_run
-from views.report.run_facts import read_run
+from views.report.run_facts import RunFacts, read_run
 from views.report.sentences import of_eve, sentence
 from views.verbs import report
 from wire.dispatcher_pb2 import BlockId, Event
 from wire.metadata.blocks import Block, Emit, Frame, Report
-from wire.results.figures import EveFigures, KeyFigures
+from wire.results.figures import EveFigures, KeyFigures, KeyProgress
 from wire.results.run_result import ServiceJob
 
 FIGURES = [
@@ -130,6 +130,29 @@ def test_a_run_without_a_key_says_why(qber: float | None, error: str | None, ver
     result = run_of("bb84", ServiceJob(asking=figures_of_keys), time_scale=1.0)
     result.error = error
     assert sentence(result) == verdict
+
+
+def test_a_key_session_is_drawn_key_by_key() -> None:
+    """Of five lines two tell the error rate of a key that is new; the last rate is written."""
+    counts = {"photons": 400, "raw_bits": 400, "sifted_bits": 200, "key_bits": 0, "keys": 0}
+    rates = [None, [0.03, 0.01, 0.06], [0.03, 0.01, 0.06], [0.25, 0.2, 0.3], None]
+    lines = [
+        KeyProgress(**cast("Any", counts | {"newest_qber": rate, "elapsed_s": 0.1 * number}))
+        for number, rate in enumerate(rates)
+    ]
+    assert _error_rates(lines) == [(0.1, 0.03, 0.01, 0.06), (0.1 * 3, 0.25, 0.2, 0.3)]
+    known = dict.fromkeys((each.name for each in fields(cast("Any", KeyFigures))), None)
+    known |= counts | {"qber": 0.14, "qber_low": 0.1, "qber_high": 0.2, "max_qber": 0.1}
+    last = KeyFigures(**cast("Any", known | {"elapsed_s": 0.5}))
+    result = run_of("bb84", ServiceJob(asking=last), time_scale=1.0)
+    run = RunFacts(Path(), result, NETWORK, events=[], setup_ms=[], sender=[*lines, last])
+    drawn = figures("".join(key_distribution_figures(run)))
+    assert list(drawn) == ["Error rate", "Growth of the key", "From photons to key"]
+    assert "25 %" in drawn["Error rate"]
+    assert "no key above 10 %" in drawn["Error rate"]
+    alone = figures("".join(key_distribution_figures(replace(run, sender=[]))))
+    assert list(alone) == ["Error rate", "From photons to key"]
+    assert "14 %" in alone["Error rate"]
 
 
 def test_a_report_says_what_eve_knows() -> None:

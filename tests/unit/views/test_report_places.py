@@ -8,11 +8,13 @@ from itertools import combinations, pairwise, product
 import pytest
 
 from topologies.catalogue.maps import read_map
+from views.report.eavesdropped import eavesdropped
 from views.report.light_paths import Hop, LightPath, fiber_name
 from views.report.map_diagram import in_a_line, map_diagram
 from views.report.network_diagram import network_diagram
 from views.report.places import NODE_INCHES, WIDTH_INCHES, columns, of_nodes, on_paper
 from wire.config import QuantumSwitch
+from wire.dispatcher_pb2 import Event
 from wire.parameters.fiber import Fiber, FiberEnd
 from wire.results.run_result import NetworkFacts
 
@@ -84,6 +86,26 @@ def test_fibres_that_are_alike_share_a_label_and_each_path_has_its_colour() -> N
     assert sorted(labels) == ["2 km, 0.4 dB", "2 km, 0.4 dB", "2 × 2 km, 0.4 dB"]  # noqa: RUF001
     strokes = re.findall(r"stroke: var\(--([a-z0-9-]+)\); stroke-width: 2.4", drawn)
     assert strokes == ["quantum", "path-1", "quantum", "path-1"]
+
+
+def test_fibres_that_somebody_measures_are_marked() -> None:
+    """By hand: of five fibres one is tapped, one was, and one is of the host that resends."""
+    facts = network(["q1"], [*hosts_at("q1", "q1", "q1"), ("ed", "q1")])
+    tapped, once, *_others, last = facts.fibers
+    taps = [(tapped.b, 0.2), (once.a, 0.3), (once.a, 0)]
+    events = [
+        Event(kind="tune", node=end.node, port=end.port, detail=f"tapped {share:g}")
+        for end, share in taps
+    ]
+    eve = eavesdropped(facts, [*events[:2], Event(kind="resend", node="ed")])
+    shares = {fiber_name(tapped): "0.2", fiber_name(once): "0.3", fiber_name(last): ""}
+    assert eve.nodes == {"ed"}
+    assert eve.fibers == shares
+    assert eavesdropped(facts, events) == eavesdropped(facts, events[:2])  # at any time
+    drawn = network_diagram(facts, [], eve)
+    strokes = re.findall(r"stroke: var\(--bad\); stroke-width: ([0-9.]+)", drawn)
+    assert strokes == ["6", "6", "6", "1.4"]  # three fibres, and the box of ed
+    assert "var(--bad)" not in network_diagram(facts, [])
 
 
 @pytest.mark.parametrize(
