@@ -39,7 +39,7 @@ class Purification:
     def round(self, block: Block, order: Bytes, method: int) -> tuple[Block, Bytes, Feedback]:
         """Compare the pulses of a block that an order names, two by two.
 
-        Return what is left in memory, the outcomes (NO_CLICK without one), and when it is over.
+        Return what is left in memory, the outcomes of the measured, and when it is over.
         """
         node, name, half = block.node, block.name, method % 2
         named = np.flatnonzero(order != NO_CLICK)
@@ -64,9 +64,7 @@ class Purification:
         self._blocks.apply(node, ApplyRequest(block=block_id(name), gates=[compared]))
         over = self._measurements.measure(node, MeasureRequest(block=block_id(targets)))
         left = self._layer.ownership.require(name, node)
-        outcomes = np.frombuffer(over.outcomes, np.uint8).copy()
-        outcomes[~left.register.present] = NO_CLICK
-        return left, outcomes, over
+        return left, np.frombuffer(over.outcomes, np.uint8), over
 
     def _turn_thirds(
         self, node: str, name: BlockName, thirds: Bytes, cycle: tuple[tuple[LocalGate, ...], ...]
