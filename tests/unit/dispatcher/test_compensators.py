@@ -11,7 +11,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dispatcher.devices.retarders import settings_for
+from dispatcher.fiber.noise import Pattern, Schedule
+from dispatcher.fiber.turn import Turn
+from dispatcher.layer.compensation import Compensation
 from dispatcher.refusal import Refusal
+from dispatcher.sabot.draws import Draws
 from evidence.laboratory import Laboratory
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import AdjustFiberRequest, CompensateRequest
@@ -211,6 +215,56 @@ def test_a_fourth_retarder_spares_ways_back() -> None:
         long_moves[retarders] = int((np.array(moves) > 1).sum())
     assert long_moves[3] > 5
     assert long_moves[4] < long_moves[3] / 3
+
+
+@pytest.mark.parametrize("retarders", [3, 4])
+def test_retarders_that_make_a_turn_already_do_not_move(retarders: int) -> None:
+    random = np.random.default_rng(1)
+    for held in random.random((200, retarders)) * 2 * np.pi:
+        target = rotation(held).as_quat()[[3, 0, 1, 2]]
+        assert settings_for(target, held, 2 * np.pi) == pytest.approx(held, abs=1e-6)
+
+
+def looked(*angles_rad: float) -> Turn:
+    """Return a turn of which reference light has met these angles about Z, look by look."""
+    halves = np.array(angles_rad) / 2
+    met = np.stack([np.cos(halves), *np.zeros((2, halves.size)), np.sin(halves)], axis=1)
+    return Turn(np.zeros(1, np.int64), met[-1:], met)
+
+
+def test_retarders_move_from_where_the_look_before_has_left_them() -> None:
+    """At 1 rad/s both about Z take half of 2 pi - 2, 2.14 s; for the same turn again no time."""
+    part = replace(IDEAL, every_s=10.0, speed_rad_per_s=1.0, reference="interrupting")
+    compensation = Compensation({"bob": Device(compensator=part)}, Draws(1))
+    times_ns = np.array([0, 10, 20]) * 1_000_000_000
+    leaves = Schedule(0, Pattern(1e8, 300))
+    ends = FiberEnd("alice", "alice-q0"), FiberEnd("bob", "bob-q0")
+    turn = looked(0.0, 2.0, 2.0)
+    dark = compensation.correct(ends, {"bob": times_ns}, turn, leaves).dark
+    assert dark is not None
+    assert np.flatnonzero(dark).tolist() == list(range(100, 122))
+
+
+def test_reference_light_meets_the_turns_of_fibres_in_their_order() -> None:
+    """That of any light, as Rotation has it: the later one is by the left."""
+    quaternions, whole = rotations(40)
+    for number in range(0, 40, 2):
+        two = quaternions[number : number + 2, None]
+        one, other = (Turn(np.zeros(1, np.int64), each, each) for each in two)
+        both = one.after(other)
+        wanted = (whole[number] * whole[number + 1]).as_quat()[[3, 0, 1, 2]]
+        assert both.looked is not None
+        for found in (both.quaternions[0], both.looked[0]):
+            assert abs(found @ wanted) == pytest.approx(1)
+
+
+def test_calibration_goes_on_at_the_interval_that_was_set_last() -> None:
+    compensation = Compensation({"bob": Device(compensator=IDEAL)}, Draws(1))
+    compensation.light_begins(0)
+    compensation.look("bob", 10_000_000_000, 2.0)
+    compensation.look_now("bob", 21_000_000_000)
+    (times_ns,) = compensation.looks(21_000_000_000, 26_000_000_000).values()
+    assert (times_ns[-3:] / 1e9).tolist() == [21, 23, 25]
 
 
 async def calibrated(there: Laboratory) -> None:

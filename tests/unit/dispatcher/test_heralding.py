@@ -2,6 +2,7 @@
 
 import asyncio
 from math import exp, expm1
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ from dispatcher.layer.news_delays import NewsDelays
 from dispatcher.layer.ownership import BlockName
 from dispatcher.refusal import Refusal
 from evidence.laboratory import SESSION, Laboratory
-from wire.dispatcher_pb2 import DiscardRequest, MeasureRequest
+from wire.dispatcher_pb2 import BellOutcomes, DiscardRequest, MeasureRequest
 from wire.parameters.physics import BellAnalyser, Detectors, Device, Emitter, Memory
 
 CASES = [
@@ -270,6 +271,9 @@ def test_no_host_finds_a_heralded_pair_before_news_of_it_can_be_there(
                 while "alice" not in layer.memories._stored:
                     await asyncio.sleep(0)
             clicked_ns, alice = clock.now_ns(), laboratory.host("alice")
+            (block,) = layer.memories._stored["alice"]
+            exact_ns = min(10_000 / M_PER_S, copper_s or 1.0) * 1e9
+            assert exact_ns - 1 <= block.heard_ns - clicked_ns <= exact_ns + 1e-6
             name, nowhere = BlockName(SESSION, 0, 0), BlockName(SESSION, 99, 0)
             for later_ns in (0, news_ns - 2):
                 clock.time_ns = clicked_ns + later_ns
@@ -304,6 +308,43 @@ def test_a_pair_that_nobody_wants_any_more_when_it_is_heard_of_is_let_go() -> No
         assert not laboratory.layer.ownership.at_node("alice")
         assert len(laboratory.layer.ownership.at_node("bob")) == 1
         assert laboratory.layer.sabot.live_qubits == 3
+
+    scene(act, device)
+
+
+async def unfit(laboratory: Laboratory, alice: dict[str, Any], bob: dict[str, Any]) -> bool:
+    """Return whether a station refuses two attempts."""
+    with laboratory.table.reports.watching("q1") as reports:
+        for host, more in (("alice", alice), ("bob", bob)):
+            await attempted(laboratory, host, **more)
+        async for report in reports:
+            if report.end != BellOutcomes.WAITS:
+                assert report.end in (BellOutcomes.UNFIT, BellOutcomes.HERALDED)
+                return bool(report.end == BellOutcomes.UNFIT)
+    raise AssertionError("q1 has nothing to report")
+
+
+@pytest.mark.parametrize("cutoffs_s", [(1e-6, 1.0), (1.0, 1e-6), (1.0, 1.0)])
+def test_a_link_drops_pairs_by_the_shorter_cut_off_of_its_ends(
+    cutoffs_s: tuple[float, float],
+) -> None:
+    """When they are heralded pairs are as old as light of 10 km: 49 us."""
+    device = Device(memory=Memory(capacity=3), emitter=Emitter("two-click"))
+
+    async def act(laboratory: Laboratory) -> None:
+        alice, bob = ({"cutoff_s": each} for each in cutoffs_s)
+        assert await unfit(laboratory, alice, bob) == (min(cutoffs_s) < 49e-6)
+
+    scene(act, device)
+
+
+@pytest.mark.parametrize("most", [5, 6])
+def test_as_many_pairs_are_attempted_for_as_qubits_may_live(most: int) -> None:
+    device = Device(memory=Memory(capacity=3), emitter=Emitter("two-click"))
+
+    async def act(laboratory: Laboratory) -> None:
+        laboratory.layer.max_live_qubits = most
+        assert await unfit(laboratory, {"count": 3}, {"count": 3}) == (most < 2 * 3)
 
     scene(act, device)
 

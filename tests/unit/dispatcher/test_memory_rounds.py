@@ -23,6 +23,7 @@ from test_switch_memories import (
     swapped,
 )
 
+from dispatcher.layer import cutoff
 from wire.dispatcher_pb2 import BellOutcomes, KeepRequest
 from wire.parameters.physics import PairSource
 from wire.parameters.switch import QuantumSwitch
@@ -80,16 +81,8 @@ def test_memories_purify_as_the_closed_forms_say(tmp_path: Path, protocol: int) 
             bits = [await purified(scene, port, protocol) for port in (ONE, TWO)]
             kept = np.flatnonzero(bits[0] == bits[1])
             found.append(kept.size / bits[0].size)
-            # Meet at the analyser, by name: it tells which Bell state each pair is in.
-            for port in (ONE, TWO):
-                named = np.full(bits[0].size, 255, np.uint8)
-                named[kept] = 0
-                await bench.switch.call(
-                    "Keep",
-                    KeepRequest(switch="q1", port=port, number=1, outcomes=named.tobytes()),
-                )
-            await bench.switch.connect(*STORING, *LEADING)
-            found.extend(np.bincount(await swapped(scene), minlength=4) / kept.size)
+            named = np.where(bits[0] == bits[1], 0, 255).astype(np.uint8)
+            found.extend(np.bincount(await met(scene, named), minlength=4) / kept.size)
             assert await states(scene) == [(0, PAIRS, kept.size, 0, 0)] * 2
             scene.reports.cancel()
 
@@ -125,10 +118,76 @@ def test_a_round_that_fails_on_its_way_leaves_no_qubit(
     play(tmp_path, act)
 
 
-async def purified(scene: Scene, port: int, protocol: int) -> np.ndarray[Any, Any]:
+async def met(scene: Scene, named: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Let pulses that are named meet at the analyser, which tells the Bell state of each pair."""
+    for port in (ONE, TWO):
+        request = KeepRequest(switch="q1", port=port, number=1, outcomes=named.tobytes())
+        await scene.bench.switch.call("Keep", request)
+    await scene.bench.switch.connect(*STORING, *LEADING)
+    return await swapped(scene)
+
+
+# Which errors (1: X, 2: Z, 3: Y) flip a bit in Z behind each third of a turn, I X Z Y: behind S H
+# X is Y, Z is X and Y is Z; behind H S_DAG X is Z, Z is Y and Y is X.
+FLIPS = np.array([[0, 1, 0, 1], [0, 1, 1, 0], [0, 0, 1, 1]])
+
+
+def test_each_pulse_is_compared_with_the_next_whatever_third_it_turns_by(tmp_path: Path) -> None:
+    """Errors of perfect pairs, drawn for each, make just those bits differ that they flip."""
+    random = np.random.default_rng(5)
+    thirds, errors = random.integers(0, 3, PAIRS), random.integers(0, 4, PAIRS)
+    flipped = FLIPS[thirds, errors]
+
+    async def act(scene: Scene) -> None:
+        await scene.bench.switch.connect((62_001, ONE), (62_002, TWO))
+        await emit(scene.bench, session=8, number=1)
+        await scene.bench.transport.landed()
+        await require_stored(scene, *sorted((ONE, TWO)))
+        orders = (4 * thirds).astype(np.uint8), (4 * thirds + errors).astype(np.uint8)
+        bits = [
+            await purified(scene, port, 1, order)
+            for port, order in zip((ONE, TWO), orders, strict=True)
+        ]
+        assert ((bits[0] ^ bits[1]) == flipped[::2] ^ flipped[1::2]).all()
+        await met(scene, np.zeros(PAIRS // 2, np.uint8))
+
+    play(tmp_path, act, sources=1)
+
+
+def test_the_wait_that_a_swap_reports_is_that_before_all_rounds(tmp_path: Path) -> None:
+    """Perfect pairs that came at one instant; nothing lasts but the waits and the switch."""
+    waits_ns = 3_000_000, 500_000, 7_000
+
+    async def act(scene: Scene) -> None:
+        await scene.bench.switch.connect((62_001, ONE), (62_002, TWO))
+        await emit(scene.bench, session=8, number=1)
+        await scene.bench.transport.landed()
+        await require_stored(scene, *sorted((ONE, TWO)))
+        halves = [block for memory in (1, 2) for block in at(scene, memory)]
+        mean_ns = np.mean([cutoff.came_ns(half).mean() for half in halves])
+        scene.clock.time_ns = now_ns = round(mean_ns) + waits_ns[0]
+        for size, wait_ns in ((PAIRS, waits_ns[1]), (PAIRS // 2, waits_ns[2])):
+            for port in (ONE, TWO):
+                await purified(scene, port, 2, np.zeros(size, np.uint8))
+            scene.clock.time_ns = now_ns = now_ns + wait_ns
+        for port in (ONE, TWO):
+            request = KeepRequest(switch="q1", port=port, number=1, outcomes=bytes(PAIRS // 4))
+            await scene.bench.switch.call("Keep", request)
+        await scene.bench.switch.connect(*STORING, *LEADING)
+        report = await scene.report()
+        assert (report.end, report.photons) == (BellOutcomes.MEASURED, PAIRS // 4)
+        assert report.waited_ns == pytest.approx(sum(waits_ns) + 100, abs=200)
+
+    play(tmp_path, act, sources=1)
+
+
+async def purified(
+    scene: Scene, port: int, protocol: int, order: np.ndarray[Any, Any] | None = None
+) -> np.ndarray[Any, Any]:
     """Have a memory do a round on all of its first block, ordered in two parts."""
-    random = np.random.default_rng(3)  # alike at both ends
-    order = random.integers(0, 12, PAIRS, np.uint8) if protocol == 1 else np.zeros(PAIRS, np.uint8)
+    if order is None:
+        random = np.random.default_rng(3)  # alike at both ends
+        order = random.integers(0, 12 if protocol == 1 else 1, PAIRS, np.uint8)
     method = 2 * protocol + (port == TWO)
     for first in (0, PAIRS // 3):
         part = order[first:] if first else order[: PAIRS // 3]

@@ -18,7 +18,7 @@ from limits import SOON_S
 from test_published_nodes import BASES
 
 from dispatcher.refusal import Refusal
-from dispatcher.timeouts import ANALYSER_WAIT_S, FIRST_HERALD_S
+from dispatcher.timeouts import ANALYSER_WAIT_S, FIRST_HERALD_S, MEMORY_WAIT_S
 from evidence.laboratory import JumpingClock, Laboratory
 from topologies.catalogue.node_kinds import NV_CENTRE, STATION
 from wire.config import DispatcherConfig, Fiber, FiberEnd
@@ -80,10 +80,10 @@ class Network(NamedTuple):
     clock: PatientClock
     reports: Mapping[str, Watched]
 
-    async def attempt(self, host: str, number: int, count: int) -> None:
+    async def attempt(self, host: str, number: int, count: int, timeout_s: float = 0.0) -> None:
         """Let a host attempt for pairs."""
-        name = BlockId(session=1, number=number)
-        request = AttemptRequest(block=name, port=f"{host}-q0", count=count)
+        name, port = BlockId(session=1, number=number), f"{host}-q0"
+        request = AttemptRequest(block=name, port=port, count=count, timeout_s=timeout_s)
         await self.laboratory.act(host, "attempt", request)
 
     async def emit(self, port: int, number: int, count: int) -> None:
@@ -313,6 +313,68 @@ def test_pairs_end_with_the_entry_by_which_their_memory_emits() -> None:
         await network.report("q2", BellOutcomes.CLOSED)
         assert not laboratory.layer.ownership.at_node("q2-memory1")
         assert laboratory.layer.ownership.at_node("alice")
+
+    play(act, device, station("q1"), repeater("q2", device))
+
+
+def test_who_attempts_first_is_reported_to_wait_and_the_partner_is_not() -> None:
+    async def act(network: Network) -> None:
+        await network.laboratory.connect("q1", {1: FIRST, 2: SECOND})
+        for host, number in (("alice", 0), ("bob", 1)):
+            await network.attempt(host, number, 3 + number)
+        reports = [await anext(network.reports["q1"]) for _report in range(2)]
+        ends = [(each.end, each.photons) for each in reports]
+        assert ends == [(BellOutcomes.WAITS, 3), (BellOutcomes.HERALDED, 3)]
+
+    play(act, of_little_light(SINGLE, memory=Memory(capacity=20)), station("q1"))
+
+
+def test_attempts_of_who_discards_nothing_stay() -> None:
+    """Both hosts have one session; alice gives hers up while bob attempts."""
+
+    async def act(network: Network) -> None:
+        laboratory = network.laboratory
+        await laboratory.connect("q1", {1: FIRST, 2: SECOND})
+        await network.attempt("bob", 1, 9)
+        await laboratory.act("alice", "discard", DiscardRequest(session=1))
+        await network.attempt("alice", 0, 5)
+        assert (await network.report("q1", BellOutcomes.HERALDED)).photons == 5
+
+    play(act, of_little_light(SINGLE, memory=Memory(capacity=20)), station("q1"))
+
+
+@pytest.mark.parametrize("limits_s", [(0.01, 0.02), (0.02, 0.01)])
+def test_a_station_attempts_as_long_as_either_end_wants(limits_s: tuple[float, float]) -> None:
+    """A round takes light there and word back; in each, two of a thousand qubits are heralded."""
+    km, pairs = 5.0, 2000
+    rounds = max(limits_s) / (2 * km * 1e3 / M_PER_S)
+
+    async def act(network: Network) -> None:
+        await network.laboratory.connect("q1", {1: FIRST, 2: SECOND})
+        for number, (host, limit_s) in enumerate(zip(PORTS, limits_s, strict=True)):
+            await network.attempt(host, number, pairs, limit_s)
+        report = await network.report("q1", BellOutcomes.HERALDED)
+        assert 0 < report.photons < pairs
+        assert abs(report.attempts / 1000 - rounds) <= 1
+
+    play(act, of_little_light(SINGLE, memory=Memory(capacity=pairs)), station("q1"), km=km)
+
+
+def test_memories_that_emit_hold_pairs_until_a_further_link_can_be_heralded() -> None:
+    device = of_little_light(SINGLE, memory=Memory(capacity=20))
+
+    async def act(network: Network) -> None:
+        laboratory = network.laboratory
+        await laboratory.connect("q1", {1: FIRST, 2: SECOND})
+        await laboratory.connect("q2", {EMITTING_ONE: 1})
+        await network.emit(EMITTING_ONE, 0, 9)
+        await network.attempt("alice", 0, 9)
+        await network.report("q2", BellOutcomes.STORED)
+        (block,) = laboratory.layer.ownership.at_node("q2-memory1")
+        network.clock.over.set()
+        await network.report("q2", BellOutcomes.CUT_OFF)
+        waited_s = (network.clock.now_ns() - block.last_ns) / 1e9
+        assert waited_s == pytest.approx(MEMORY_WAIT_S + FIRST_HERALD_S)
 
     play(act, device, station("q1"), repeater("q2", device))
 

@@ -226,6 +226,34 @@ def test_a_memory_of_which_a_block_was_named_keeps_later_ones_until_they_are(
     play(tmp_path, act)
 
 
+def test_a_memory_into_which_no_light_is_led_any_more_forgets_that_blocks_were_named(
+    tmp_path: Path,
+) -> None:
+    async def act(scene: Scene) -> None:
+        await scene.bench.switch.connect(*STORING, *LEADING)
+        for host, port, number in (
+            (scene.bench.alice, "alice-q0", 0),
+            (scene.bench.bob, "bob-q0", 1),
+        ):
+            await scene.emit(host, port, number)
+        await require_stored(scene, ONE, TWO)
+        await swapped(scene)
+        await scene.emit(scene.bench.alice, "alice-q0", 2)
+        await require_stored(scene, ONE)
+        await keep(scene, ONE, 2, np.arange(PAIRS))
+        await scene.emit(scene.bench.bob, "bob-q0", 3)
+        await require_stored(scene, TWO)
+        assert (await swapped(scene)).size == PAIRS
+        await scene.bench.switch.connect()
+        await scene.bench.switch.connect(*STORING, *LEADING)
+        await scene.emit(scene.bench.alice, "alice-q0", 4)
+        await scene.emit(scene.bench.bob, "bob-q0", 5)
+        await require_stored(scene, ONE, TWO)
+        assert (await swapped(scene)).size == PAIRS
+
+    play(tmp_path, act)
+
+
 async def keep(
     scene: Scene, port: int, number: int, pulses: np.ndarray[Any, Any], begin: int | None = None
 ) -> None:

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block
-from dispatcher.layer.weak_pairs import WeakHalf
+from dispatcher.layer.weak_pairs import Pairs, WeakHalf
 from dispatcher.layer.weak_pulses import BasesAt, Photons, WeakPulses
 from dispatcher.operations import weak_light
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.backend import Bytes
-from dispatcher.sabot.draws import PhotonDraws
+from dispatcher.sabot.draws import Draws, PhotonDraws
 from dispatcher.sabot.registers import Register
 from evidence.laboratory import Laboratory
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
@@ -304,6 +304,19 @@ def test_a_half_whose_other_one_is_gone_is_fair_along_all_axes() -> None:
     for basis in range(3):
         some = outcomes[(basis == BASES) & (outcomes != NO_CLICK)]
         assert within(int(some.sum()), some.size, 0.5)
+
+
+def test_bits_of_pairs_and_axes_tell_nothing_of_each_other() -> None:
+    """Of neighbours in a cell, too, half agree, whichever their axes: as fair coins do."""
+    pairs = Pairs(PULSES, 1.0, PhotonRandom(Draws(1), (1, 2, 3), "source", PULSES))
+    keys = np.sort(pairs.below((1.0, 1.0))[0].keys)
+    axes = [pairs.bits(keys, np.full(keys.size, axis, np.uint8)) for axis in range(3)]
+    for one in range(3):
+        assert within(int(axes[one].sum()), keys.size, 0.5)
+        for other in range(3):
+            for later in range(int(one >= other), 4):
+                agreed = axes[one][: keys.size - later] == axes[other][later:]
+                assert within(int(agreed.sum()), agreed.size, 0.5), (one, other, later)
 
 
 @pytest.mark.parametrize("first", [0, 1])
