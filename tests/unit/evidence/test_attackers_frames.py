@@ -1,15 +1,14 @@
 """The frames that the program of an attacker takes for pings, by Scapy."""
 
-from ipaddress import IPv4Address
-
 import pytest
 from scapy.layers.inet import ICMP, IP, TCP, UDP
 from scapy.layers.l2 import ARP, Ether
 from scapy.packet import Packet
 
-from evidence.attacks.frames import ADDRESSES, is_ping
+from evidence.attacks.frames import is_ping
 
 MAC, OTHER_MAC = "00:00:00:00:00:03", "00:00:00:00:00:01"
+OWN = bytes.fromhex(MAC.replace(":", ""))
 BOB, ALICE = "10.0.0.2", "10.0.0.1"
 
 
@@ -28,5 +27,10 @@ BOB, ALICE = "10.0.0.2", "10.0.0.1"
     ],
 )
 def test_a_ping_is_an_echo_request_for_the_attacker(frame: Packet, expected: bool) -> None:
-    wanted = ADDRESSES.pack(IPv4Address(BOB).packed, IPv4Address(ALICE).packed)
-    assert is_ping(bytes(frame), bytes.fromhex(MAC.replace(":", "")), wanted) == expected
+    assert is_ping(bytes(frame), OWN, victim=BOB, posed=ALICE) == expected
+
+
+def test_a_frame_that_is_cut_is_a_ping_if_the_type_is_in_it() -> None:
+    frame = bytes(Ether(dst=MAC) / IP(src=BOB, dst=ALICE) / ICMP(type="echo-request"))
+    for size in range(len(frame)):
+        assert is_ping(frame[:size], OWN, victim=BOB, posed=ALICE) == (size > 14 + 20)
