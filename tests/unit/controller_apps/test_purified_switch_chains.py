@@ -227,6 +227,49 @@ def test_a_round_keeps_pairs_of_which_both_ends_measured_the_same() -> None:
     assert (pairs.left.pulses, pairs.rounds) == (len(cases), 0)
 
 
+@pytest.mark.parametrize(("protocol", "number"), [("bbpssw", 1), ("dejmps", 2)])
+def test_each_end_of_a_round_has_the_method_of_its_side(protocol: str, number: int) -> None:
+    half = Half(61_001, 3, 4, np.arange(4))
+    pairs = Pairs.of_link(half, half, np.zeros(4, np.uint8), rounds=1)
+    methods = [frame.method for frame in pairs.begin_round(protocol, (0,))]
+    assert methods == [2 * number, 2 * number + 1]
+
+
+def test_every_round_of_pairs_is_twirled_anew() -> None:
+    """Two draws of ten of twelve symbols are alike by chance once in 12^10."""
+    count = 20
+    hops = [Hop(1, port, port - 1000) for port in MEMORIES]
+    turns = swap_turns(hops, "parallel", Purification("bbpssw", 2), NOWHERE)
+    assert turns is not None
+    held = AnalyserFrame(MEMORIES[0], 1, End.STORED, count, 0, bytes(count))
+    place: Place = SwitchPort(1, MEMORIES[0])
+    rounds = [turns.arrived(place, held)]
+    bits = AnalyserFrame(MEMORIES[0], 1, End.PURIFIED, count // 2, 0, bytes(count // 2))
+    for at in (place, Receivers.OPENER):
+        rounds.append(turns.arrived(at, bits))
+    first, nothing, second = (
+        [each.frame.outcomes for each in due if isinstance(each, Command)] for due in rounds
+    )
+    assert (len(first), nothing, len(second)) == (2, [], 2)
+    assert first[0][: count // 2] != second[0]
+
+
+def test_a_link_of_which_neither_memory_holds_a_pulse_is_swapped_though_none_was_heralded() -> None:
+    """A memory has one place for the block that is missing, and the station no pair."""
+    hops = [Hop(1, port, port - 1000) for port in MEMORIES]
+    hops += [Hop(100 + link, 1, 60_001) for link in range(2)]
+    turns = swap_turns(hops, "parallel", Purification("dejmps", 1), NOWHERE)
+    assert turns is not None
+    released = list[object]()
+    for link, port in enumerate(MEMORIES):
+        herald = AnalyserFrame(60_001, 1, End.HERALDED, 0, 0, b"")
+        held = AnalyserFrame(port, 1, End.STORED, 1, 0, bytes([NONE]))
+        turns.arrived(SwitchPort(100 + link, 60_001), herald)
+        released += turns.arrived(SwitchPort(1, port), held)
+    ends = [each.frame.end for each in released if isinstance(each, Command)]
+    assert ends == [End.STORED, End.STORED]
+
+
 def commands(session: int, states: int, pulses: int = 40) -> list[AnalyserFrame]:
     """Return what a link's ends are to do if a station reports so many Bell states of its pairs."""
     hops = [Hop(1, port, port - 1000) for port in MEMORIES]

@@ -15,6 +15,7 @@ from evidence.curves.pictures import pictures
 from evidence.curves.table import opened
 from evidence.networks import job_sweep, metrics
 from evidence.networks.job_sweep import grid_of, options_of
+from wire.results.figures import MemoryFigures
 from wire.results.run_result import ServiceJob
 
 AXES: dict[str, object] = {"switches": "1:3", "node.memory.t2_s": "10ms,0.1", "count": "100:300:3"}
@@ -116,6 +117,12 @@ def test_waits_of_teleported_states_are_counted_once() -> None:
     figures = teleported(arrived=900, states=1000, fidelity=0.8, waited_ms=12.5)
     waits = sum(metrics._waits_ms(figures)) * 2  # of either end, which report the same
     assert waits == 12.5
+
+
+def test_waits_in_switches_are_of_both_halves_there() -> None:
+    """Each swap has two: of 3 and 4 ms at two places there are 14 ms beside 5 at this end."""
+    figures = MemoryFigures(sampled_waited_ms=5.0, repeaters_waited_ms=[3.0, 4.0])
+    assert sum(metrics._waits_ms(figures)) == 19
 
 
 def test_memories_hold_as_many_qubits_as_all_waits_fill_the_time_of_the_job() -> None:

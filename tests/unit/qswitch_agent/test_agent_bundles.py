@@ -398,8 +398,14 @@ def test_too_many_bytes_are_refused_until_a_bundle_ends(monkeypatch: pytest.Monk
         several.of(add)
     error = refusal.value.kind, refusal.value.code
     assert error == (ofp.OFPET_BUNDLE_FAILED, ofp.OFPBFC_MSG_TOO_MANY)
-    assert len(several.end(1).members) == 2
-    assert several.of(add)[1] == of.light(1, 2)
+    for _bundle in range(2):  # each has room for as many bytes as the first
+        assert len(several.end(1).members) == 2
+        for _time in range(2):
+            bundle, inner = several.of(add)
+            assert inner == of.light(1, 2)
+            several.add(bundle, bundles.Member(inner, add))
+        with pytest.raises(Refusal):
+            several.of(add)
 
 
 def test_bundles_hold_changes_of_flows_ports_and_groups_alone() -> None:

@@ -19,11 +19,13 @@ def test_cross_connects_and_refusals_are_counted_and_timed(tmp_path: Path) -> No
             assert value("qmn_light_paths") == 2
             with pytest.raises(HardwareRefusal):
                 await hardware.set_cross_connects([CrossConnect(1, 99)])
+            assert value("qmn_light_paths") == 2
+            await hardware.set_cross_connects([CrossConnect(1, 2)])
             assert (await hardware.read()).ports
             labels = {"rpc": "cross_connects"}
             assert value("qmn_hardware_refusals_total", labels) == 1
-            assert value("qmn_rpc_seconds_count", labels) == 2
+            assert value("qmn_rpc_seconds_count", labels) == 3
             assert value("qmn_rpc_seconds_count", {"rpc": "read"}) == 1
-            assert value("qmn_light_paths") == 2
+            assert value("qmn_light_paths") == 1
 
     play(scene())

@@ -45,6 +45,7 @@ from wire.dispatcher_pb2 import (
     Order,
     SendRequest,
     Step,
+    SwitchStatisticsReply,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.network_time import SteppedTime
@@ -401,3 +402,11 @@ def test_watch_notices_at_once_that_the_dispatcher_was_killed(tmp_path: Path) ->
 
     with dispatcher_process(tmp_path) as process:
         play(scene())
+
+
+@pytest.mark.parametrize(("oldest_ns", "age_ns"), [(0, 0), (500, 1), (450, 50)])
+def test_light_that_has_just_come_into_a_memory_is_not_none(oldest_ns: int, age_ns: int) -> None:
+    """An age of 0 says that a memory is empty."""
+    memory = SwitchStatisticsReply.Memory(port=61_001, oldest_ns=oldest_ns)
+    (counts,) = hardware._readings(SwitchStatisticsReply(memories=[memory]), 500).memories
+    assert counts.oldest_ns == age_ns

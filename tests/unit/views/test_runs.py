@@ -17,12 +17,14 @@ from topologies.system.namespaces import keeper
 from topologies.system.processes.owners import namespace, owner
 from views.archive import index as run_index
 from views.archive.comparison import figures as compare_figures
+from views.archive.comparison import moments as compare_moments
 from views.archive.comparison import parameters as compare_parameters
 from views.archive.index import INDEX, Run, runs_in
 from views.live.layout import described as described_network
 from views.report.run_facts import BadRun, read_result
 from views.verbs import runs as verb
 from views.verbs.live import shown
+from wire.controller_lines import RECORD
 from wire.malformed import MalformedPacket
 from wire.results.run_result import BEGUN
 
@@ -192,6 +194,20 @@ def test_a_spoiled_result_is_read_whole_or_refused(runs: Path, part: int) -> Non
         except (BadRun, MalformedPacket):
             refused += 1
     assert 50 < refused < 100
+
+
+def test_what_happened_first_is_told_from_the_first_set_up_on(runs: Path) -> None:
+    """Of both runs everything is in ms since then, and what one lacks is a dash."""
+    lines = (runs / OLD / RECORD).read_text().splitlines()
+    begins_ns = json.loads(lines[0])["time_ns"]
+    for event, later_ms in (("granted", 2), ("refused", 3), ("torn_down", 5), ("refused", 9)):
+        lines.append(json.dumps({"event": event, "time_ns": begins_ns + later_ms * 1_000_000}))
+    (runs / OLD / RECORD).write_text("\n".join(lines) + "\n")
+    rows = {name: (ours, theirs) for name, ours, theirs in compare_moments(runs / OLD, runs / NEW)}
+    origin_ms = float(rows["granted"][0]) - 2
+    for name, later_ms in (("granted", 2), ("refused", 3), ("torn down", 5)):
+        assert rows[name] == (f"{origin_ms + later_ms:.3f}", "-")
+    assert rows["open"] == ("0.000", "0.000")
 
 
 def runner_of(kind: str) -> str:

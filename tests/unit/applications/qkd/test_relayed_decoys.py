@@ -44,18 +44,36 @@ def yields(random: np.random.Generator, most: int = 12) -> NDArray[np.float64]:
     return random.random((most, most)) ** 4
 
 
+def counts_of(ends: tuple[Decoys, Decoys], table: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the counts of yields, shape (12, 12), by both levels."""
+    counts = np.zeros((3, 3))
+    for (i, a), (j, b) in product(*(enumerate(end.means) for end in ends)):
+        weights = [[exp(-m) * m**n / factorial(n) for n in range(12)] for m in (a, b)]
+        share = ends[0].shares[i] * ends[1].shares[j]
+        counts[i, j] = share * (np.array(weights[0]) @ table @ np.array(weights[1]))
+    return counts * PULSES
+
+
+@pytest.mark.parametrize("photons", [(1, 2), (2, 1), (2, 2), (1, 3), (3, 1)])
+@pytest.mark.parametrize("bright", [0, 1])
+def test_pulses_of_several_photons_are_no_single_ones_where_ends_are_unlike(
+    photons: tuple[int, int], bright: int
+) -> None:
+    """An eavesdropper announces nothing but such pulses: none of the bits is of single photons."""
+    unlike = Decoys((0.8, 0.05, 0.0)), Decoys((0.2, 0.05, 0.0))
+    ends = unlike[bright], unlike[1 - bright]
+    table = np.zeros((12, 12))
+    table[photons] = 1.0
+    counts = counts_of(ends, table)
+    assert bounds(ends, PairSifted(counts, counts, counts), None).single <= 1e-9 * counts.sum()
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_bounds_hold_for_any_yields(seed: int) -> None:
     """An eavesdropper who knows the numbers of photons chooses what is announced, and what errs."""
     random = np.random.default_rng(seed)
     told, share = yields(random), random.random((12, 12))
-    tables = []
-    for table in (told, told, told * share):
-        counts = np.zeros((3, 3))
-        for (i, a), (j, b) in product(enumerate(ALICE.means), enumerate(BOB.means)):
-            weights = [[exp(-m) * m**n / factorial(n) for n in range(12)] for m in (a, b)]
-            counts[i, j] = SHARES[i, j] * (np.array(weights[0]) @ table @ np.array(weights[1]))
-        tables.append(counts * PULSES)
+    tables = [counts_of((ALICE, BOB), table) for table in (told, told, told * share)]
     found = bounds((ALICE, BOB), PairSifted(*tables), None)
     single = ALICE.photons(1) * BOB.photons(1) * told[1, 1] * PULSES
     assert found.single <= single * (1 + 1e-9)
