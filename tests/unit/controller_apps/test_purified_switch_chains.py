@@ -236,8 +236,8 @@ def test_each_end_of_a_round_has_the_method_of_its_side(protocol: str, number: i
 
 
 def test_every_round_of_pairs_is_twirled_anew() -> None:
-    """Two draws of ten of twelve symbols are alike by chance once in 12^10."""
-    count = 20
+    """Two draws of twenty Pauli operators are alike by chance once in 4^20."""
+    count = 40
     hops = [Hop(1, port, port - 1000) for port in MEMORIES]
     turns = swap_turns(hops, "parallel", Purification("bbpssw", 2), NOWHERE)
     assert turns is not None
@@ -251,7 +251,8 @@ def test_every_round_of_pairs_is_twirled_anew() -> None:
         [each.frame.outcomes for each in due if isinstance(each, Command)] for due in rounds
     )
     assert (len(first), nothing, len(second)) == (2, [], 2)
-    assert first[0][: count // 2] != second[0]
+    one, other = ([symbol % THIRD for symbol in each[0]] for each in (first, second))
+    assert one[: count // 2] != other
 
 
 def test_a_link_of_which_neither_memory_holds_a_pulse_is_swapped_though_none_was_heralded() -> None:

@@ -287,6 +287,21 @@ def test_calibration_and_the_host_itself_have_a_compensator_look() -> None:
     uvloop.run(calibrated(laboratory(replace(IDEAL, every_s=1e6))))
 
 
+def test_looks_go_on_while_no_light_comes() -> None:
+    """Light comes 1 us behind a look, 50 drift times behind other light: next to none is wrong."""
+
+    async def found() -> int:
+        there = laboratory(replace(IDEAL, every_s=5.0))
+        wrong, began_ns = int((await errors(there, 6)).sum()), there.clock.now_ns()
+        await there.table.handle("bob", "compensate", CompensateRequest(every_s=5.0))
+        for number in range(1, 21):
+            await there.clock.wait_until(began_ns + number * 5_000_000_000 + 1000)
+            wrong += int((await errors(there, 6, number)).sum())
+        return wrong
+
+    assert uvloop.run(found()) == 0
+
+
 def test_passive_compensation_leaves_light_exactly_as_it_was() -> None:
     there = laboratory(Compensator(), birefringence="compensated")
     assert not uvloop.run(errors(there)).any()

@@ -26,7 +26,7 @@ from limits import SOON_S
 
 from dispatcher.devices.heralding import KINDS, Arm, single_click, two_click
 from dispatcher.layer.news_delays import NewsDelays
-from dispatcher.layer.ownership import BlockName
+from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.refusal import Refusal
 from evidence.laboratory import SESSION, Laboratory
 from wire.dispatcher_pb2 import BellOutcomes, DiscardRequest, MeasureRequest
@@ -308,6 +308,29 @@ def test_a_pair_that_nobody_wants_any_more_when_it_is_heard_of_is_let_go() -> No
         assert not laboratory.layer.ownership.at_node("alice")
         assert len(laboratory.layer.ownership.at_node("bob")) == 1
         assert laboratory.layer.sabot.live_qubits == 3
+
+    scene(act, device)
+
+
+def test_a_host_that_fills_its_memory_before_it_hears_of_pairs_has_these_let_go() -> None:
+    """Qubits that attempted are in use again: of three places one is taken before three come."""
+    device = Device(memory=Memory(capacity=3), emitter=Emitter("two-click"))
+
+    async def act(laboratory: Laboratory) -> None:
+        layer, jump, own = laboratory.layer, laboratory.clock.wait_until, list[Block]()
+
+        async def wait(time_ns: int) -> None:
+            if asyncio.current_task() in laboratory.table.heralding._news and not own:
+                name, now_ns = BlockName(SESSION, 5, 0), layer.clock.now_ns()
+                zero = layer.sabot.zeros(1)
+                own.append(Block(name, zero, "alice", first_ns=now_ns, last_ns=now_ns))
+                layer.memories.store(own[0])
+            await jump(time_ns)
+
+        laboratory.clock.wait_until = wait  # type: ignore[method-assign]
+        await heralded(laboratory, 3)
+        assert [*layer.memories._stored["alice"]] == own
+        assert [each.size for each in layer.ownership.at_node("bob")] == [3]
 
     scene(act, device)
 
