@@ -54,7 +54,7 @@ def add_options(
                 alternatives[only_one] = target.add_mutually_exclusive_group()
             target = alternatives[only_one]
         action = target.add_argument(
-            _flag(each, declaration), dest=each.name, **_how(each, declaration)
+            flag_of(each, declaration), dest=each.name, **_how(each, declaration)
         )
         # For the page of all options.
         action.range = declaration.get("range")  # type: ignore[attr-defined]
@@ -163,7 +163,8 @@ def _group(kind: "type[DataclassInstance]", name: str) -> str:
     return str(vars(declares).get("GROUP", ""))
 
 
-def _flag(option: "Field[Any]", declaration: Declaration) -> str:
+def flag_of(option: "Field[Any]", declaration: Declaration) -> str:
+    """Return the flag of an option on the command line; "" if it has none."""
     negated = "no-" if option.default is True else ""
     return declaration.get("flag", f"--{negated}{option.name.replace('_', '-')}")
 

@@ -38,7 +38,6 @@ from qmn.needs import Needs
 from qmn.options import add_options, read, titled
 from qmn.parser import Parser, listed
 from qmn.printable_text import console_of_output
-from qmn.requests.of_job import JOBS
 from qmn.requests.run_options import LiveOptions
 from qmn.results.run_folder import give_tree
 from topologies.networks.network import Interrupted, Signals, require_root
@@ -167,8 +166,8 @@ def content_of(what: str) -> dict[str, Any]:
 def is_over_networks(what: str, emulate: bool, axes: Collection[str]) -> bool:
     """Return whether a network measures: it alone knows the job, or an axis."""
     if emulate or what not in EXPERIMENTS:
-        return emulate or what in JOBS
-    return what in JOBS and not set(EXPERIMENTS[what].names).issuperset(axes)
+        return emulate or what in WHAT
+    return what in WHAT and not set(EXPERIMENTS[what].names).issuperset(axes)
 
 
 def _axes_of(arguments: argparse.Namespace) -> dict[str, str]:
@@ -211,7 +210,7 @@ def grid_of(options: SweepOptions) -> tuple[Grid, int]:
     networks = is_over_networks(content["sweep"], options.emulate, given)
     if options.shown and not (networks and not options.scheduler):
         raise BadGrid("--live: networks to look at start here with --emulate, without --scheduler")
-    if networks and content["sweep"] in JOBS:
+    if networks and content["sweep"] in WHAT:
         return job_sweep.grid_of(content["sweep"], given), seed
     return grids.build(experiment_of(content["sweep"], options.emulate), given), seed
 
@@ -220,7 +219,7 @@ def experiment_of(name: str, emulate: bool) -> Experiment:
     known = EMULATED if emulate else EXPERIMENTS
     if name not in known:
         where = " with --emulate" if emulate else ""
-        names = dict.fromkeys([*known, *JOBS, "or a .toml file"])
+        names = dict.fromkeys([*known, *WHAT, "or a .toml file"])
         raise BadGrid(f"unknown sweep {name!r}{where}: {remedy(name, names)}")
     return known[name]
 

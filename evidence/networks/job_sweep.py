@@ -16,6 +16,7 @@ from typing import Any
 from evidence.curves.experiment import Experiment, Outcome, SweepError
 from evidence.curves.grid import Grid
 from evidence.curves.parameters import BadGrid, Parameter, Value, Values, point_seed
+from evidence.networks import run_sweep
 from evidence.networks.metrics import measures_of, outcome_of
 from hosts.middleware.services import named
 from hosts.middleware.session.errors import SessionError
@@ -38,6 +39,7 @@ from wire.parameters.checks import check_names, remedy
 from wire.parameters.option import declared, unit_of
 from wire.parameters.physics import Device
 
+SEVERAL = {run_sweep.APPLICATION, run_sweep.INPUT}  # texts, which commas part
 OF_PARTS = "fiber", "switch", "node", "device"  # options that are lists of words
 TEXT = "a text"
 SWITCHES = {"on": True, "off": False}
@@ -57,6 +59,9 @@ class JobSweep(Experiment):
 
     def groups(self, points: Sequence[Values]) -> Iterator[list[Values]]:
         """Yield points that share a network, in order."""
+        if self.name in run_sweep.WHAT:
+            yield from ([values] for values in points)
+            return
         found: dict[tuple[Value, ...], list[Values]] = {}
         for values in points:
             fixed = tuple(value for name, value in values.items() if is_at_start(name))
@@ -78,13 +83,18 @@ def grid_of(job: str, given: Mapping[str, object]) -> Grid:
         given = {**_shape(named), **given}
     names = sorted(given, key=is_at_start, reverse=True)  # points of a network are neighbours
     parameters = {name: parameter_of(job, name) for name in names}
+    for name in SEVERAL & parameters.keys():
+        parameters[name] = Parameter(name, "", choices=tuple(str(given[name]).split(",")))
     axes: dict[str, list[Value]] = {
         name: [str(given[name])] if each.text else each.axis(given[name])
         for name, each in parameters.items()
     }
-    grid = Grid(
-        JobSweep(job, f"{job}: {WHAT[job]}", tuple(parameters.values()), measures_of(job)), axes
-    )
+    own = job in run_sweep.WHAT
+    measures = run_sweep.measures(job, axes) if own else measures_of(job)
+    what = f"{job}: {WHAT[job]}"
+    grid = Grid(JobSweep(job, what, tuple(parameters.values()), measures), axes)
+    if own:
+        return grid
     first = {name: values[0] for name, values in axes.items()}
     for name, values in axes.items():
         for value in values:
@@ -101,6 +111,7 @@ def _shape(text: str) -> dict[str, object]:
 
 
 WHAT = {"sdc": "send a message by superdense coding", **{k: v.help for k, v in VERBS.items()}}
+WHAT |= run_sweep.WHAT
 
 
 def check(job: str, values: Values) -> None:
@@ -115,7 +126,7 @@ def parameter_of(job: str, name: str) -> Parameter:
     """Return an option or a setting as a parameter; raise BadGrid for one there is not."""
     if "." in name:
         return _parameter_of_part(name)
-    if name == "topology":
+    if name == "topology" or (job, name) == (run_sweep.NETQASM, run_sweep.APPLICATION):
         return Parameter(name, "", text=TEXT)
     known = _options(job)
     option = known.get(FLAGS.get(name, name))
@@ -141,6 +152,8 @@ def _number(name: str, kind: Any, limits: tuple[float, float] | None, unit: str)
 
 def _options(job: str) -> dict[str, "Field[Any]"]:
     """Return the declared options of a job and its network by their names in Python."""
+    if job in run_sweep.WHAT:
+        return run_sweep.options(job)
     of_job: list[type[Any]] = [SuperdenseRequest, named()["sdc"].options]
     if job in VERBS:
         services = VERBS[job].protocols or (job,)
@@ -200,7 +213,9 @@ def _of_default(name: str, default: object, limits: Any = None) -> Parameter:
 
 def options_of(job: str, values: Values, seed: int) -> dict[str, Any]:
     """Return the options of a job in a network, as a script gives them."""
-    options: dict[str, Any] = {"seed": seed, "time": STEPPED}
+    options: dict[str, Any] = {"seed": seed}
+    if job not in run_sweep.WHAT:
+        options["time"] = STEPPED
     words: dict[str, list[str]] = {}
     for name, value in values.items():
         if "." in name:
@@ -223,6 +238,12 @@ def measure(job: str, points: Sequence[Values], seed: int, runs: Path) -> Iterat
     first = points[0]
     own_seed = point_seed(job, {k: v for k, v in first.items() if is_at_start(k)}, seed)
     try:
+        if job in run_sweep.WHAT:
+            names = [each.name for each in grid_of(job, first).experiment.measures]
+            for values in points:
+                of_point = options_of(job, values, point_seed(job, values, seed))
+                yield run_sweep.measure(job, of_point, names, runs)
+            return
         with start_for(job, begin_folder(runs, job), **options_of(job, first, own_seed)) as network:
             for values in points:
                 yield outcome_of(network.run(job, **options_of(job, values, own_seed)))

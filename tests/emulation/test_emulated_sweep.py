@@ -3,7 +3,7 @@
 import csv
 import subprocess
 import sys
-from math import exp
+from math import exp, sqrt
 from pathlib import Path
 
 import pytest
@@ -188,3 +188,53 @@ def test_a_chain_of_switches_is_swept_against_the_life_of_all_memories(tmp_path:
         assert float(row["fidelity_theory"]) == pytest.approx(fidelity)
         distance = abs(float(row["fidelity"]) - fidelity)
         assert distance <= 5 * float(row["fidelity_standard_error"])
+
+
+TURNED = """
+from netqasm.sdk import Qubit
+from netqasm.sdk.external import NetQASMConnection
+
+def main(app_config=None, n=0):
+    with NetQASMConnection("alice") as unit:
+        qubit = Qubit(unit)
+        qubit.rot_X(n=n, d=3)
+        return {"one": qubit.measure()}
+"""
+
+
+def test_a_program_is_swept_over_its_input_and_finds_what_its_gate_says(tmp_path: Path) -> None:
+    """Turned by n pi / 8 about X a qubit is found as 1 with sin(n pi / 16)^2."""
+    (tmp_path / "app_alice.py").write_text(TURNED)
+    words = ["netqasm", "--application", str(tmp_path), "--input", "alice.n=4,alice.n=8"]
+    command = [*COMMAND[:5], *words, "--rounds", "50", "--out", str(tmp_path / "out")]
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=PROGRAM_S
+    )
+    assert done.returncode == 0, done.stderr
+    (table,) = (tmp_path / "out").glob("*.csv")
+    with table.open() as file:
+        half, whole = csv.DictReader(file)
+    assert abs(float(half["alice"]) - 0.5) < 5 * sqrt(0.25 / 50)
+    assert float(half["alice_standard_error"]) == pytest.approx(sqrt(0.25 / 50), rel=0.3)
+    assert (whole["alice"], whole["alice_standard_error"]) == ("1.0", "0.0")
+
+
+@pytest.mark.nightly
+def test_traffic_is_swept_with_its_own_figures(tmp_path: Path) -> None:
+    """As many sessions come in a second as are asked for, by Poisson's law."""
+    words = ["load", "--rate-per-s", "5,20", "--sessions", "100", "--out", str(tmp_path)]
+    done = subprocess.run(
+        [*COMMAND[:5], *words],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=PROGRAM_S,
+    )
+    assert done.returncode == 0, done.stderr
+    (table,) = tmp_path.glob("*.csv")
+    with table.open() as file:
+        rows = [*csv.DictReader(file)]
+    for row, rate in zip(rows, (5, 20), strict=True):
+        assert abs(float(row["offered_per_s"]) / rate - 1) < 5 / sqrt(100)
+        assert float(row["accepted"]) + float(row["blocked"]) <= 100
