@@ -158,6 +158,9 @@ def test_jain_s_index_is_one_if_all_fare_alike_and_a_third_if_one_of_three_has_a
     blocked = [outcome(host, BLOCKED, "BUSY") for host in HOSTS[1:]]
     assert fairness([outcome("h1"), *blocked]) == pytest.approx(1 / 3)
     assert fairness(blocked) is None
+    often = [outcome("h1"), outcome("h1", BLOCKED, "BUSY")] * 3  # who asks more has more, not else
+    seldom = [outcome("h2"), outcome("h2", BLOCKED, "BUSY")]
+    assert fairness(often + seldom) == pytest.approx(1)
 
 
 def test_every_session_is_counted_once() -> None:

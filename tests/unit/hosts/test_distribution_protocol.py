@@ -18,9 +18,10 @@ from hosts.hardware.operations import BlockName
 from hosts.hardware.replies import Outcomes, Stored
 from hosts.middleware.services.distribution.pairs import Moments, Pairs
 from hosts.middleware.services.distribution.protocol import Opening, follow
-from hosts.middleware.services.distribution.purification import DistributeOptions
+from hosts.middleware.services.distribution.purification import DistributeOptions, Protocol
 from hosts.middleware.services.distribution.sharing import make, share
 from hosts.middleware.session import protocol
+from hosts.middleware.session.blocks import LOST
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Effect, HostSide, Light, OpenerSide, Steps
 from hosts.middleware.session.values import Lifetimes, values
@@ -211,6 +212,37 @@ def test_an_acceptor_refuses_to_purify_what_it_does_not_have() -> None:
     assert next(bob.steps) == protocol.HearNext()
     with pytest.raises(SessionError, match="there are no pairs of block 1"):
         bob.steps.send(values(SETUP.session, Topic.PURIFY, 1, [2, 1], 32))
+
+
+def test_a_round_keeps_pairs_of_which_both_ends_measured_the_same() -> None:
+    """By enumeration of what two ends can measure: 0, 1 or nothing."""
+    cases = [(a, b) for a in (0, 1, LOST) for b in (0, 1, LOST)]
+    ours, theirs = np.array(cases, np.uint8).T
+    side = HostSide(
+        *(SETUP, (), "10.0.0.1", "bob", np.random.default_rng(2), NODE_FEATURES, FOREVER),
+        frozenset(),
+    )
+    pairs, outcome, picked = Pairs(side, 1, 0.0), None, list[dict[BlockName, Any]]()
+    pairs.add(1, 2 * len(cases), 2 * len(cases))
+    steps = pairs.purify(1, Protocol.DEJMPS, 3)
+    try:
+        while True:
+            match steps.send(outcome):
+                case protocol.Do("measure"):
+                    outcome = ours
+                case protocol.Do("store"):
+                    outcome = Stored(np.ones(len(cases), bool), 0)
+                case protocol.Hear():
+                    outcome = values(SETUP.session, Topic.OUTCOMES, 1, theirs, 2)
+                case protocol.Do("gather", (_into, picks)):
+                    picked, outcome = [picks], None
+                case _:
+                    outcome = None
+    except StopIteration:
+        ((positions,),) = (each.values() for each in picked)
+    same = [place for place, (a, b) in enumerate(cases) if a == b != LOST]
+    assert positions.tolist() == same
+    assert (pairs.portion(1).size, pairs.compared, pairs.survived) == (2, 9, 2)
 
 
 def test_the_mean_of_instants_is_exact_in_whatever_order_blocks_come() -> None:
