@@ -131,6 +131,7 @@ async def told(laboratory: Laboratory, basis: MeasureRequest.Basis) -> np.ndarra
         ("thermal", 0.1, 0.0, 1.0),
         ("thermal", 0.8, 3.0, 1.0),
         ("poisson", 0.8, 1.0, 0.85),
+        ("thermal", 0.8, 1.0, 0.85),
     ],
 )
 def test_each_pair_of_a_pulse_has_its_own_outcome_and_survival(

@@ -10,6 +10,7 @@ import pytest
 from cryptography.hazmat.primitives.ciphers import Cipher, algorithms, modes
 from qkd_ends import bb84, random_bits
 from scipy.fft import next_fast_len
+from scipy.stats import binom
 
 from applications.qkd.amplification import fast_size, seed_bits, toeplitz
 from applications.qkd.authentication import collision_probability, key_tag
@@ -227,6 +228,18 @@ def test_tags_are_bounded_by_the_tail_of_the_binomial_distribution() -> None:
         count += 1
     assert count <= tagged < 1.1 * count
     assert most_tagged(pulses, 0.0, eps) == 0
+
+
+@pytest.mark.parametrize("pulses", [100, 10_000, 10_000_000])
+@pytest.mark.parametrize("mean", [0.01, 0.5, 2.0, 10.0])
+@pytest.mark.parametrize("eps", [1e-3, 1e-10, 1e-15])
+def test_few_pulses_of_several_photons_exceed_their_bound_as_rarely_as_is_said(
+    pulses: int, mean: float, eps: float
+) -> None:
+    """By the binomial distribution itself, of such pulses in the right basis: half of all."""
+    multi_photon = 2 * mean / pulses
+    tagged = most_tagged(pulses, multi_photon, eps)
+    assert binom.sf(np.floor(tagged), pulses, multi_photon / 2) <= eps
 
 
 def test_no_finite_key_is_made_of_bits_that_are_all_known() -> None:

@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 
 from applications.qkd.decoy import Decoys
 from applications.qkd.relayed_decoys import TERMS, PairSifted, bounds, expected, key_length
-from evidence.curves.relay_theory import diagonal, endless_key, rectilinear, single_photons
+from evidence.curves.relay_theory import (
+    decoy_key,
+    diagonal,
+    endless_key,
+    rectilinear,
+    single_photons,
+)
 
 ALICE, BOB = Decoys((0.4, 0.05, 0.0)), Decoys((0.48, 0.06, 0.001))
 DARK, ERROR = 1e-6, 0.015
@@ -100,6 +106,22 @@ def test_expectations_are_missed_as_rarely_as_is_said() -> None:
     assert sum(c for c, least in zip(chances, low, strict=True) if least > n * p) <= eps
     assert sum(c for c, most in zip(chances, high, strict=True) if most < n * p) <= eps
     assert sum(c for c, least in zip(chances, low, strict=True) if least > n * p) > 0
+
+
+@pytest.mark.parametrize("vacuum", [0.0, 0.001, 0.01])
+def test_a_vacuum_that_is_not_dark_costs_little_of_the_key_of_known_photon_numbers(
+    vacuum: float,
+) -> None:
+    means, seen, correction = (0.4, 0.05, vacuum), 0.3, 1.16
+    in_z, in_x = (
+        {
+            (i, j): formula(m * seen, n * seen, DARK, ERROR)
+            for (i, m), (j, n) in product(enumerate(means), enumerate(means))
+        }
+        for formula in (rectilinear, diagonal)
+    )
+    endless = endless_key(means[0], seen, DARK, ERROR, correction)
+    assert 0.7 * endless < decoy_key(means, in_z, in_x, correction) < endless
 
 
 def test_the_closed_form_of_endless_decoys_is_an_upper_limit() -> None:
