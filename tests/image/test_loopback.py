@@ -1,10 +1,11 @@
-"""The live view of a network in a container, by a real Docker engine: .ci/run has one."""
+"""What a network in a container serves this machine, by a real Docker engine: .ci/run has one."""
 
 import json
 import re
 import subprocess
 import time
 import urllib.request
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,12 @@ DEADLINE_S = 120.0
 def said_by(*command: str) -> str:
     """Return what a command prints."""
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+
+
+def text_of(url: str) -> bytes:
+    with urllib.request.urlopen(url, timeout=DEADLINE_S) as answer:  # noqa: S310
+        text: bytes = answer.read()
+        return text
 
 
 def await_page(url: str) -> None:
@@ -31,10 +38,13 @@ def await_page(url: str) -> None:
             return
 
 
+ENGINE = subprocess.run([ROOT / "docker/engine"], stdout=subprocess.DEVNULL, check=False)
+needs_engine = pytest.mark.skipif(ENGINE.returncode != 0, reason="no Docker engine answers")
+
+
+@needs_engine
 @pytest.mark.timeout(4 * DEADLINE_S)
 def test_the_page_of_a_network_in_a_container_is_on_this_machines_loopback() -> None:
-    if subprocess.run([ROOT / "docker/engine"], stdout=subprocess.DEVNULL, check=False).returncode:
-        pytest.skip("no Docker engine answers")
     volumes = said_by("docker", "volume", "ls", "--quiet")
     command = ["docker/run", "--input", "qmn", "cli", "sdc", "--live"]
     pipe = subprocess.PIPE
@@ -56,3 +66,19 @@ def test_the_page_of_a_network_in_a_container_is_on_this_machines_loopback() -> 
     assert network.returncode == 0
     assert not said_by("docker", "ps", "--quiet", "--filter", f"name=qmn-live-{network.pid}-")
     assert said_by("docker", "volume", "ls", "--quiet") == volumes
+
+
+@needs_engine
+@pytest.mark.timeout(4 * DEADLINE_S)
+def test_metrics_of_a_network_in_a_container_are_on_this_machines_loopback() -> None:
+    command = ["docker/run", "--network", "host", "--input", "qmn", "cli", "sdc", "--metrics"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, cwd=ROOT, stdin=pipe, stdout=pipe, text=True) as network:
+        assert network.stdout is not None
+        named = re.compile(r"metrics of (\S+): (http://127\S+)")
+        found = filter(None, map(named.search, network.stdout))
+        texts = {each[1]: text_of(each[2]) for each in islice(found, 3)}
+        network.communicate("exit\n", timeout=DEADLINE_S)
+    assert network.returncode == 0
+    assert texts.keys() == {"c0", "dispatcher", "q1-agent"}
+    assert all(b"qmn_" in text for text in texts.values())
