@@ -172,7 +172,8 @@ class Fibers:
         self._reports.pop(dpid, None)
         self._links.switch_left(dpid)
         self.network.optics.forget_switch(dpid)
-        self.network.inner.pop(dpid, None)
+        for port in self.network.inner.pop(dpid, frozenset()):
+            self.network.modes.pop(SwitchPort(dpid, port), None)
 
     def _port_is(self, datapath: Datapath, port: Any, whole: bool, now: float) -> bool:
         at = SwitchPort(datapath.id, port.port_no)

@@ -13,7 +13,7 @@ from wire.optical import (
     PortOptics,
 )
 
-MODES = 2  # behind kind, half and number, by 32 bits (wire/analyser_frames.py)
+MEMORY, MODES = 2, 2  # a kind; what is behind kind, half and number (wire/part_descriptions.py)
 
 
 def ask_paths(datapath: Datapath) -> Any:
@@ -55,7 +55,7 @@ def is_inner(port: Any) -> bool:
 def modes_of(port: Any) -> int | None:
     """Return how many qubits a memory in a quantum switch takes, None of another port."""
     for prop in port.properties:
-        if isinstance(prop, parser.OFPPortDescPropExperimenter) and len(prop.data) > MODES:
+        if isinstance(prop, parser.OFPPortDescPropExperimenter) and prop.data[0] >> 16 == MEMORY:
             return int(prop.data[MODES])
     return None
 

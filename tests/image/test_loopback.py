@@ -1,4 +1,4 @@
-"""What a network in a container serves this machine, by a real Docker engine: .ci/run has one."""
+"""Pages and metrics of a network in a container, by a real Docker engine: .ci/run has one."""
 
 import json
 import re
