@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 VERBS = "qmn.verbs"  # by heading, verb: module and help
 JOBS = "qmn.jobs"  # of `qmn run`: a module with HELP and describe(parser)
 SERVICE_VERBS = "qmn.service_verbs"  # qmn.requests.service_verbs.Verb, by its name
+STANDING_JOBS = "qmn.standing_jobs"  # makes a qmn.jobs.on_network.Planned
 REQUESTS = "qmn.requests"  # dataclass of a request, by the service that a result names
 PROGRAMS = "qmn.programs"  # qmn.network.programs.NetworkProgram, for `qmn cli`
 DISSECTORS = "qmn.dissectors"  # a module with LUA, a script, and tables() that it reads

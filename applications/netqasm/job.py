@@ -194,7 +194,8 @@ def play(
     network: Network,
     folder: Path,
     outputs: list[Round],
-    look: Callable[[], None],
+    look: Callable[[], None] = lambda: None,
+    label: str = "",
 ) -> None:
     """Start the programs, and note what they return until all have ended; `look` meanwhile."""
     addresses = {role: network.runtime.addresses[host] for role, host in application.hosts.items()}
@@ -207,7 +208,9 @@ def play(
             outputs.extend({} for _ in range(number + 1 - len(outputs)))
             outputs[number][roles[program.name]] = line["output"]
 
-    programs = {role: _start(role, application, copies, network, placed) for role in addresses}
+    programs = {
+        role: _start(role, application, copies, network, placed, label) for role in addresses
+    }
     roles.update((program.name, role) for role, program in programs.items())
     try:
         follow_all(network, list(programs.values()), note, look, NETQASM_STALL_TIMEOUT_S)
@@ -234,6 +237,7 @@ def _start(
     copies: CarriedApplication,
     network: Network,
     placed: str,
+    label: str,
 ) -> Program:
     host = application.hosts[role]
     logs, path = network.runtime.written_folder(host), copies.path_on(network, host)
@@ -243,7 +247,7 @@ def _start(
     command += ["--rounds", str(application.rounds)]
     if isinstance(network.runtime.time, SteppedTime):
         command += ["--time-folder", network.runtime.time.folder]
-    return network.run_as_people_do(host, f"netqasm-{role}", command)
+    return network.run_as_people_do(host, f"{label}netqasm-{role}", command)
 
 
 def rows(outputs: Sequence[Round]) -> dict[str, str]:

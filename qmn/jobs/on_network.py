@@ -1,6 +1,6 @@
 """A job on a network that stands, and goes on standing when the job has ended."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from qmn.network.description import NetworkDescription
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, from_keywords
 from qmn.requests.of_job import OF_NETWORK, JobRequest, request_of
+from qmn.requests.request import Request
 from qmn.requests.run_options import RunOptions
 from qmn.requests.service import ServiceRequest, has_option
 from qmn.requests.service_verbs import verb_of
@@ -24,8 +25,11 @@ from qmn.running.dispatcher_calls import status
 from topologies.networks.network import Network, Signals
 from wire.controller_lines import read_record
 from wire.metadata.vocabulary import Reason
+from wire.registered import STANDING_JOBS, Registry
+from wire.results.run_result import Job
 
 OUTCOMES = (Reason.TOO_NOISY.name,)  # of sessions that have ended as they should
+STANDING = Registry[Any](STANDING_JOBS, callable, {})  # jobs that are no services
 NOT_TAPPED = "this network has eve on its fibre: say eve=0 if she is to do nothing"
 
 
@@ -61,6 +65,17 @@ def network_for(job: str, given: Mapping[str, Any]) -> NetworkFor:
     return NetworkFor(Made(network, _fixed_by(request, network)), request)
 
 
+@dataclass(frozen=True)
+class Planned:
+    """A job that can be done: what its result keeps of it, and what does it."""
+
+    service: str
+    hosts: Sequence[str]
+    result: Job
+    request: Request
+    perform: Callable[[], None]
+
+
 def run(network: Network, made: Made, job: str, given: Mapping[str, Any], number: int) -> RunResult:
     """Do a job on the network; raise BadInput for one that needs another network.
 
@@ -68,34 +83,25 @@ def run(network: Network, made: Made, job: str, given: Mapping[str, Any], number
     begin with its number, which its folder has, too.
     """
     asked = {name: value for name, value in given.items() if name not in OF_NETWORK}
-    request = request_of(job, asked)
-    _require_same(made, job, {name: given[name] for name in given.keys() & OF_NETWORK})
-    request = _fitted(made, job, replace(request, network=made.description.options))
+    of_network = {name: given[name] for name in given.keys() & OF_NETWORK}
     label = f"{number}-{job}"
     folder = network.runtime.logs / label
-    folder.mkdir(exist_ok=True)
-    console = Console(quiet=True)
-    of_network = made.description
-    if isinstance(request, ServiceRequest):
-        task = counted_service.job(request, of_network)
+    if job in STANDING:
+        _require_same(made, job, of_network)
+        planned = STANDING[job](network, made.description, asked, folder)
     else:
-        task = superdense.job(request, superdense.message_file(request, folder))
-    context = RunContext(of_network, RunOptions(), folder, Signals(), console)
-    hosts = task.opener, task.acceptor, *task.others
-    kept = task.result
-    facts = known_facts(context, task.service, hosts, kept, task.request)
-    note_pace(facts, of_network.pace)
+        request = request_of(job, asked)
+        _require_same(made, job, of_network)
+        request = _fitted(made, job, replace(request, network=made.description.options))
+        planned = _planned(network, made.description, request, folder)
+    folder.mkdir(exist_ok=True)
+    context = RunContext(made.description, RunOptions(), folder, Signals(), Console(quiet=True))
+    facts = known_facts(context, planned.service, planned.hosts, planned.result, planned.request)
+    note_pace(facts, made.description.pace)
     facts.network = network_facts(network)
     before, known = status(network), len(read_record(network.runtime.logs))
     try:
-        if task.file is not None:
-            runner.perform(task, network, folder, console, kept, f"{label}-")
-        else:
-            with (
-                eavesdropping.eavesdropping(network, task.eve, kept, f"{label}-"),
-                runner.handing_out(network, task, kept) as take,
-            ):
-                calls.call(network, task, kept, take)
+        planned.perform()
         facts.delivered = True
     except TransferError as error:
         if error.reason not in OUTCOMES:
@@ -105,6 +111,31 @@ def run(network: Network, made: Made, job: str, given: Mapping[str, Any], number
     note_outcome(facts, folder, read_record(network.runtime.logs)[known:])
     facts.write(folder)
     return facts
+
+
+def _planned(
+    network: Network, description: NetworkDescription, request: JobRequest, folder: Path
+) -> Planned:
+    """Return the job of a service; its message may be written into the folder."""
+    folder.mkdir(exist_ok=True)
+    if isinstance(request, ServiceRequest):
+        task = counted_service.job(request, description)
+    else:
+        task = superdense.job(request, superdense.message_file(request, folder))
+    kept, label = task.result, f"{folder.name}-"
+
+    def perform() -> None:
+        if task.file is not None:
+            runner.perform(task, network, folder, Console(quiet=True), kept, label)
+            return
+        with (
+            eavesdropping.eavesdropping(network, task.eve, kept, label),
+            runner.handing_out(network, task, kept) as take,
+        ):
+            calls.call(network, task, kept, take)
+
+    hosts = task.opener, task.acceptor, *task.others
+    return Planned(task.service, hosts, kept, task.request, perform)
 
 
 def _require_same(made: Made, job: str, given: Mapping[str, Any]) -> None:

@@ -12,7 +12,7 @@ from typing import Any, TypedDict, Unpack
 
 from programs.network_waits import NetworkWaits
 from qmn.jobs import on_network
-from qmn.jobs.on_network import Made
+from qmn.jobs.on_network import STANDING, Made
 from qmn.network.checks import check_two_hosts
 from qmn.options import BadInput
 from qmn.requests.of_job import JOBS
@@ -95,7 +95,7 @@ class QuantumNetwork(Network):
 
     def __getattr__(self, name: str) -> Callable[..., JobResult]:
         """Return `run` of the job of that name, as network.teleport(count=500)."""
-        if name not in JOBS:
+        if name not in JOBS and name not in STANDING:
             raise AttributeError(f"a network has no {name!r}, and there is no such job")
         return partial(self.run, name)
 

@@ -17,7 +17,7 @@ from wire.results.figures import (
     StoredKeyFigures,
     TeleportFigures,
 )
-from wire.results.run_result import ServiceJob
+from wire.results.run_result import NetqasmJob, ServiceJob
 
 SIGMAS = 5
 
@@ -79,6 +79,41 @@ def test_all_kinds_of_jobs_follow_each_other_and_impossible_ones_are_refused() -
             with pytest.raises(BadInput, match=why):
                 network.run(job, **options)
         assert network.run("distribute", count=200).delivered
+
+
+ALONE = """
+from netqasm.sdk import Qubit
+from netqasm.sdk.external import NetQASMConnection
+
+def main(app_config=None, flips=0):
+    with NetQASMConnection("alice") as unit:
+        qubit = Qubit(unit)
+        for _ in range(flips):
+            qubit.X()
+        return qubit.measure()
+"""
+
+
+def test_programs_follow_each_other_on_a_network_beside_other_jobs(tmp_path: Path) -> None:
+    """X^n |0> is found as n mod 2."""
+    (tmp_path / "app_alice.py").write_text(ALONE)
+    with start("sdc", tmp_path / "left") as network:
+        for flips in (1, 2):
+            given = [f"alice.flips={flips}"]
+            result = network.netqasm(path=tmp_path, input=given, rounds=3)
+            assert isinstance(result.job, NetqasmJob)
+            assert result.job.outputs == [{"alice": flips % 2}] * 3
+            assert (result.delivered, result.hosts) == (True, ["alice"])
+        assert network.run("distribute", count=200).delivered
+        for options, why in (
+            ({}, "say which application: path="),
+            ({"path": tmp_path, "round": 1}, "there is no option round: did you mean rounds"),
+            ({"path": "/nowhere"}, "there is no /nowhere"),
+            ({"path": tmp_path, "input": ["alice.x=1"]}, "has no such parameter"),
+        ):
+            with pytest.raises(BadInput, match=why):
+                network.run("netqasm", **options)
+    assert (tmp_path / "left" / "2-netqasm" / "result.json").is_file()
 
 
 def test_eve_takes_another_fraction_of_the_light_of_each_job() -> None:
