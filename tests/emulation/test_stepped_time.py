@@ -28,6 +28,7 @@ JOBS = (
     "ghz",
     "keys --seconds 30 --session-bits 10000 --high-mark 32",
     "distribute --node nv-centre --count 8 --sample 0 --length-km 0.01",
+    "load --topology map,garr --sessions 5",
 )
 NAMES_OF_FOLDERS = ("captures", "timeline")
 TELEPORT = (

@@ -61,7 +61,7 @@ class SetUpTimes:
     n: int = 0
 
     def __str__(self) -> str:
-        return f"median {self.p50:.2f} ms, p99 {self.p99:.2f} ms, n {self.n}"
+        return f"median {self.p50:.3g} ms, p99 {self.p99:.3g} ms, n {self.n}"
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class SwitchCopies:
 
     def __str__(self) -> str:
         count = self.in_time + self.late + self.missing
-        after = "" if self.p50_ms is None else f", median {self.p50_ms:.2f} ms after c0"
+        after = "" if self.p50_ms is None else f", median {self.p50_ms:.3g} ms after c0"
         return f"{self.in_time} of {count} in time{after}; late {self.late}, missing {self.missing}"
 
 

@@ -24,7 +24,7 @@ def test_median_rate_and_tail_of_many_times() -> None:
     times += Times([float(number) for number in range(51, 102)], 0.51)
     assert times.p50_ms == 51.0
     assert times.per_s == pytest.approx(100.0)
-    assert str(times) == "median 51.00 ms, p99 100.00 ms, n 101"
+    assert str(times) == "median 51 ms, p99 100 ms, n 101"
 
 
 def test_a_ratio_is_that_of_the_medians() -> None:

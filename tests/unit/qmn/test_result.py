@@ -70,7 +70,7 @@ def test_copies_at_switches_are_in_time_late_or_missing() -> None:
     late = {"event": "copy_late", "switch": "q3", "setup_ms": 80.0}
     seen = copies([*granted, late])
     assert seen == SwitchCopies(in_time=2, late=1, missing=1, p50_ms=1.0)
-    assert str(seen) == "2 of 4 in time, median 1.00 ms after c0; late 1, missing 1"
+    assert str(seen) == "2 of 4 in time, median 1 ms after c0; late 1, missing 1"
     at_once = {**late, "setup_ms": 0.0}
     assert copies([*granted, at_once]) == SwitchCopies(3, 0, 1, 0.0)
     assert copies([{"event": "granted", "copies_ms": {"q1": None}}]) == SwitchCopies(0, 0, 1, None)
