@@ -50,7 +50,7 @@ from controller_apps.openflow.mac_table import MacTable
 from controller_apps.openflow.switches import Switches
 from controller_apps.packets import FiveTuple, is_tcp
 from controller_apps.policy.policy import CLOSE, Policy
-from controller_apps.policy.reading import DEFAULT, BadPolicy, read_policy, require_switches
+from controller_apps.policy.reading import DEFAULT, BadPolicy, read_policy, require_network
 from controller_apps.record import Record
 from controller_apps.sessions.actions import (
     Action,
@@ -104,6 +104,7 @@ class QuantumMetadata(App):
     ) -> None:
         super().__init__(**contexts)
         self.time, self.stations, self.policy_path = config.time, config.stations, config.policy
+        self.metadata_at_switch = config.metadata_at_switch
         self.mac_table, self.state = mac_table, state
         self._ticks = Ticks(config.time, SESSION_TICK_S)
         self._watch_ticks = Ticks(config.time, WATCH_TICK_S, WATCH)
@@ -444,7 +445,7 @@ class QuantumMetadata(App):
 
     def _read_policy(self) -> Policy:
         policy = read_policy(self.policy_path)
-        require_switches(policy, self.network.names.values())
+        require_network(policy, self.network.names.values(), self.metadata_at_switch)
         return policy
 
     def _reload_policy(self) -> str:

@@ -161,6 +161,7 @@ class Policy:
     trusted: tuple[Trusted, ...] = ()  # with keys of others; without: nobody is
     alarm: str = TELL  # what the alarm of a seal does
     watches: tuple[Watch, ...] = ()  # of light that is idle
+    metadata_at_switch: str | None = None  # which networks are laid for; None: as their option says
 
     def trusts(self, host: str, ends: frozenset[str]) -> bool:
         return any(trusted.covers(host, ends) for trusted in self.trusted)

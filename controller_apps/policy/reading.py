@@ -1,6 +1,7 @@
 """A policy file in TOML: permissions of sessions between hosts, and settings of devices.
 
 default = "deny"            # or "allow": where no rule fits
+metadata_at_switch = "required"  # as the option --metadata-at-switch, which it goes before
 
 [[rule]]                    # tried in order, the first that fits decides
 action = "allow"
@@ -108,6 +109,7 @@ from wire.device import (
     setting_number,
 )
 from wire.parameters.checks import check_choice, check_names, check_number, remedy
+from wire.parameters.network import OBSERVED, OFF, REQUIRED
 from wire.registered import Registry
 from wire.services import LIGHT, RETURNS
 
@@ -157,17 +159,23 @@ def policy_file(name: str | Path) -> Path:
     return POLICIES.get(str(name), Path(name))
 
 
-def require_switches(policy: Policy, names: Collection[str]) -> None:
-    """Raise BadPolicy for a fibre, closed or watched, between switches that there are not."""
+def require_network(policy: Policy, names: Collection[str], copies: str) -> None:
+    """Raise BadPolicy for a fibre, closed or watched, between switches that there are not.
+
+    And if the network is laid for another use of copies of set-up messages.
+    """
     watched = [watch.over for watch in policy.watches]
     for place, named in (("closed", policy.closed), ("watch: over", watched)):
         for name in sorted(frozenset().union(*named) - set(names)):
             text = f"{place}: {name!r} is not a quantum switch of this network"
             raise BadPolicy(f"{text}: {remedy(name, sorted(names))}")
+    if (wanted := policy.metadata_at_switch) not in (None, copies):
+        text = f"metadata_at_switch is {wanted}, and this network is laid for {copies}"
+        raise BadPolicy(f"{text}: start one with this policy, or --metadata-at-switch {wanted}")
 
 
 TABLES = {"device", "filter", "queue", "refusal", "report", "seal", "swap"}
-SECTIONS = {*TABLES, "default", "rule", "tap", "closed", "watch", "trusted"}
+SECTIONS = {*TABLES, "default", "metadata_at_switch", "rule", "tap", "closed", "watch", "trusted"}
 
 
 def parse_policy(text: str) -> Policy:
@@ -198,7 +206,13 @@ def parse_policy(text: str) -> Policy:
         ),
         alarm=_parse_seal(tables["seal"]),
         watches=_parse_watches(_array(content, "watch", MAX_WATCHES), queue),
+        metadata_at_switch=_of_copies(content.get("metadata_at_switch")),
     )
+
+
+def _of_copies(value: Any) -> str | None:
+    choices = REQUIRED, OBSERVED, OFF
+    return None if value is None else _one_of(value, choices, "metadata_at_switch")
 
 
 def _parse_rule(value: object, place: str) -> Rule:

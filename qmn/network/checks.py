@@ -5,7 +5,6 @@ from collections.abc import Collection, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from controller_apps.policy.reading import BadPolicy, read_policy
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges
 from qmn.project import remedy as remedy_of
@@ -18,11 +17,7 @@ FROM_TO, LINE = "--from and --to", "--line"  # by which a user says who takes pa
 
 def check_network(options: NetworkOptions) -> None:
     """Raise BadInput for what controller or dispatcher would not take."""
-    if options.policy:
-        try:
-            read_policy(Path(options.policy))
-        except BadPolicy as error:
-            raise BadInput(str(error)) from error
+    options.by_policy()
     if options.sabot and not Path(options.sabot).is_socket():
         raise BadInput(
             f"--sabot {options.sabot}: no server listens there; start one with "

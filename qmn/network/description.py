@@ -122,7 +122,7 @@ def _described(
     own = every is None or is_custom(options.topology)
     named = {host: parts.hosts[host] for host in words.named_hosts}
     return NetworkDescription(
-        options,
+        options.by_policy(),
         topo,
         parts,
         pace_of(options, against_steps(options, content)),

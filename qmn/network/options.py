@@ -5,10 +5,11 @@ The command line has them as options, Python as keywords: --length-km 2 and leng
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
-from controller_apps.policy.reading import policy_file
+from controller_apps.policy.reading import BadPolicy, policy_file, read_policy
 from qmn.network.time_scale import PACED, STEPPED, Pace, time_mode
+from qmn.options import BadInput
 from topologies.catalogue.node_kinds import NODE_KINDS
 from topologies.catalogue.presets import PRESETS
 from topologies.system.runs.runtime import Runtime
@@ -110,6 +111,14 @@ class NetworkOptions(ShapeOptions, LightOptions, TimeOptions, NetworkSettings):
         """Take the topology of maps if a map is named, but no topology."""
         if self.map is not None and not self.topology:
             object.__setattr__(self, "topology", MAP)
+
+    def by_policy(self) -> Self:
+        """Return the options as their policy has them; raise BadInput if it cannot be used."""
+        try:
+            copies = read_policy(self.policy).metadata_at_switch if self.policy else None
+        except BadPolicy as error:
+            raise BadInput(str(error)) from error
+        return replace(self, metadata_at_switch=copies) if copies else self
 
 
 def settings(

@@ -15,7 +15,7 @@ from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop, Network
 from controller_apps.packets import FiveTuple
 from controller_apps.policy.policy import Watch
-from controller_apps.policy.reading import BadPolicy, parse_policy, require_switches
+from controller_apps.policy.reading import BadPolicy, parse_policy, require_network
 from controller_apps.sessions.actions import Action, Note, Order
 from controller_apps.sessions.admission import Admission, find_light
 from controller_apps.sessions.arbiter import Arbiter
@@ -249,9 +249,9 @@ between = ["alice", "bob"]
     )
     assert policy.watches == (one, Watch(("alice", "bob")))
     assert one.block_pairs == 300
-    require_switches(policy, ["q1", "q2"])
+    require_network(policy, ["q1", "q2"], "observed")
     with pytest.raises(BadPolicy, match="watch: over: 'q2' is not a quantum switch"):
-        require_switches(policy, ["q1"])
+        require_network(policy, ["q1"], "observed")
 
 
 BETWEEN = 'between = ["alice", "bob"]\n'

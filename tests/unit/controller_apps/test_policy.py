@@ -6,8 +6,16 @@ from pathlib import Path
 import pytest
 
 from controller_apps.policy.policy import Host, Policy, Reporting, SessionRequest
-from controller_apps.policy.reading import SHIPPED, BadPolicy, parse_policy, read_policy
+from controller_apps.policy.reading import (
+    SHIPPED,
+    BadPolicy,
+    parse_policy,
+    read_policy,
+    require_network,
+)
 from controller_apps.policy.schedules import Queue
+from qmn.network.description import describe_network
+from qmn.network.options import NetworkOptions
 from wire.device import DeviceSettings
 
 ALICE, BOB, CHARLIE = (
@@ -147,6 +155,7 @@ def test_overrides_and_reporting_are_read() -> None:
         ),
         ("[[rule]]\naction = 'deny'\nservice = 'link'", "service 'link': choose one of *"),
         ("defualt = 'deny'", "a policy has no defualt"),
+        ("metadata_at_switch = 'seen'", "metadata_at_switch 'seen': choose one of required"),
         ("default = deny", "is not TOML: Invalid value (at line 1, column 11)"),
     ],
 )
@@ -167,3 +176,16 @@ def test_a_file_that_is_not_there_or_not_text_is_named(tmp_path: Path) -> None:
     (tmp_path / "binary").write_bytes(b"\xff\xfe")
     with pytest.raises(BadPolicy, match="binary"):
         read_policy(tmp_path / "binary")
+
+
+def test_a_policy_has_its_network_laid_for_copies_of_setups_or_is_refused(tmp_path: Path) -> None:
+    """Its word goes before the option's; a network that stands is not laid again."""
+    file = tmp_path / "policy.toml"
+    file.write_text('metadata_at_switch = "required"\n')
+    policy = read_policy(file)
+    options = NetworkOptions(topology="sdc", policy=str(file), metadata_at_switch="off")
+    assert describe_network(options).options.metadata_at_switch == "required"
+    require_network(policy, ["q1"], "required")
+    require_network(parse_policy(""), ["q1"], "off")
+    with pytest.raises(BadPolicy, match="this network is laid for observed: start one with"):
+        require_network(policy, ["q1"], "observed")

@@ -9,7 +9,7 @@ from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop, HostPort, Network
 from controller_apps.packets import parse_segment
 from controller_apps.policy.policy import CLOSE, TELL
-from controller_apps.policy.reading import BadPolicy, parse_policy, require_switches
+from controller_apps.policy.reading import BadPolicy, parse_policy, require_network
 from controller_apps.sessions.actions import Action, ClosePaths, Forward, Note, OpenPaths, Order
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.link_monitors import LinkMonitors
@@ -210,8 +210,8 @@ def test_what_is_closed_is_between_two_switches(between: str) -> None:
 
 def test_a_switch_that_there_is_not_is_named() -> None:
     policy = parse_policy(CLOSED)
-    require_switches(policy, ["q1", "q2"])
+    require_network(policy, ["q1", "q2"], "observed")
     with pytest.raises(
         BadPolicy, match="'q2' is not a quantum switch of this network: choose one of q1"
     ):
-        require_switches(policy, ["q1", "q3"])
+        require_network(policy, ["q1", "q3"], "observed")
