@@ -4,6 +4,7 @@ from contextlib import suppress
 from select import select
 
 from topologies.system.kernel.interfaces import repeat_nothing
+from topologies.system.namespaces import are_own
 from topologies.system.processes.programs import NetworkError
 from topologies.system.runs.launching import launch
 from topologies.system.runs.runtime import Runtime
@@ -16,16 +17,22 @@ GATE = "gate"
 ROUND_NS = 1_000_000_000_000  # longer than any network takes to start
 SETTLED_NS = 90_000_000  # for what is repeated after the leap, before the controller looks again
 OVER_NS = 1_000_000  # for packets that a leap brings about
+NOT_OWN = "stepped time needs namespaces of its own: use `qmn run` or `qmn script`, or time='paced'"
 
 
 class Start:
     """Lets time go with the wall until the network is ready, if it is stepped then."""
 
     def __init__(self, network: Runtime) -> None:
-        """Start the gate, before all that waits."""
+        """Start the gate, before all that waits.
+
+        Raise NetworkError on the machine's own network, whose TCP and ARP it would change.
+        """
         self._time = network.time
         self._client: GateClient | None = None
         if isinstance(network.time, SteppedTime):
+            if not are_own():
+                raise NetworkError(NOT_OWN)
             launch(
                 network, GATE, "gate", GateConfig(str(network.logs / LEAPS), network.watched)
             ).wait_for("ready", READY_TIMEOUT_S)

@@ -93,9 +93,25 @@ def test_the_gate_knows_whether_somebody_watches(
         return Program("gate", tmp_path / "gate.log")
 
     monkeypatch.setattr(gate, "launch", launch)
+    monkeypatch.setattr(gate, "are_own", lambda: True)
+    monkeypatch.setattr(gate, "repeat_nothing", lambda: None)  # to this machine, whatever is wrong
     (tmp_path / "gate.log").touch()
     made = Runtime(stepped=True, watched=watched, log_folder=tmp_path)
     with pytest.raises(NetworkError, match="gate ended at its start"):
         gate.Start(made)
     made.remove()
     assert configurations == [GateConfig(str(tmp_path / LEAPS), watched)]
+
+
+def test_stepped_time_changes_no_network_but_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It would leave TCP and ARP of the machine itself waiting for 100 s."""
+    monkeypatch.setattr(runtime, "RUNTIME_ROOT", tmp_path / "qmn")
+    for name in ("launch", "repeat_nothing"):
+        monkeypatch.setattr(gate, name, lambda *_words: pytest.fail("begun"))
+    monkeypatch.setattr(gate, "are_own", lambda: False)
+    made = Runtime(stepped=True, log_folder=tmp_path)
+    with pytest.raises(NetworkError, match="stepped time needs namespaces of its own"):
+        gate.Start(made)
+    made.remove()
