@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from limits import SOON_S
+from limits import SOON_S, wait_until
 
 from programs.connection_shares import users_of
 from topologies.system import namespaces
@@ -70,6 +70,7 @@ def test_a_run_has_a_network_of_its_own_and_its_status_is_that_of_the_command(
         pid, _, interfaces = first_line(process).partition(" ")
         assert int(pid) < 100  # it was the second process or so there
         assert "eth0" not in interfaces
+        wait_until(namespaces.running, "the keeper has written its entry")
         (found,) = namespaces.running()
         assert (found.keeper, found.command) == (process.pid, "qmn run")
         assert Path(f"/proc/{found.first}/root/run/qmn/machine-network").exists()
