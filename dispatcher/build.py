@@ -78,6 +78,8 @@ def build_layer(
     hardware = Devices(devices)
     if unknown := config.devices.keys() - config.tokens.keys():
         raise BadConfig(f"devices of {', '.join(sorted(unknown))}: there are no such hosts")
+    if not config.history_depth and any(each.compensator.retarders for each in devices.values()):
+        raise BadConfig("compensators look at what fibres did: give history_depth 1 or more")
     sabot, draws = sabot or Sabot(BACKENDS[config.backend]), Draws(config.seed)
     news, compensation = NewsDelays(config.news_s), Compensation(devices, draws)
     return PhysicalLayer(

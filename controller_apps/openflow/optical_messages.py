@@ -12,8 +12,9 @@ from wire.optical import (
     PortLight,
     PortOptics,
 )
+from wire.parameters.switch import Kind
 
-MEMORY, MODES = 2, 2  # a kind; what is behind kind, half and number (wire/part_descriptions.py)
+MODES = 2  # behind kind, half and number, by 32 bits (wire/part_descriptions.py)
 
 
 def ask_paths(datapath: Datapath) -> Any:
@@ -48,16 +49,20 @@ def is_fiber(port: Any) -> bool:
 
 def is_inner(port: Any) -> bool:
     """Tell whether a port is inside a quantum switch, where neither fibre nor copper ends."""
-    kind = parser.OFPPortDescPropExperimenter
-    return any(isinstance(p, kind) and p.experimenter == EXPERIMENTER for p in port.properties)
+    return _part(port) is not None
 
 
 def modes_of(port: Any) -> int | None:
     """Return how many qubits a memory in a quantum switch takes, None of another port."""
-    for prop in port.properties:
-        if isinstance(prop, parser.OFPPortDescPropExperimenter) and prop.data[0] >> 16 == MEMORY:
-            return int(prop.data[MODES])
-    return None
+    words = _part(port) or []
+    return int(words[MODES]) if len(words) > MODES and words[0] >> 16 == Kind.MEMORY else None
+
+
+def _part(port: Any) -> list[int] | None:
+    """Return what our property of an inner port says, by 32 bits; None if there is none."""
+    kind = parser.OFPPortDescPropExperimenter
+    found = (p for p in port.properties if isinstance(p, kind) and p.experimenter == EXPERIMENTER)
+    return next((list(prop.data) for prop in found), None)
 
 
 def port_optics(port: Any) -> PortOptics | None:

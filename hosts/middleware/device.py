@@ -146,9 +146,8 @@ class Device:
     changed: Callable[[], None] = lambda: None  # called when more than counts may have changed
     alarmed: Callable[[], None] = lambda: None  # called when a seal has found somebody
     cut_off: Callable[[int | None], None] = lambda _us: None  # the memory; None: by its own default
-    compensate: Callable[[int | None], None] = lambda _s: (
-        None
-    )  # from now on so often; None: the same
+    # Have the compensator look from now on at this interval; None: at its own.
+    compensate: Callable[[int | None], None] = lambda _s: None
     _opened: list[Opened] = field(default_factory=list)
     _accepted: list[Counted] = field(default_factory=list)
     _serving: int = 0

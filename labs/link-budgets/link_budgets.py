@@ -34,8 +34,8 @@ def findings(runs: Runs) -> Sequence[Finding]:
     """Return the rate of clicks, times the published shares of processing, beside that of keys."""
     found = []
     for name, run in runs.items():
-        told, link = run.job.asking, LINKS[name]
-        seen = proportion(told.raw_bits, told.photons)
+        keys, link = run.job.asking, LINKS[name]
+        seen = proportion(keys.raw_bits, keys.photons)
         scale = THEIRS["pulses_hz"] * math.prod(THEIRS["processing"])
         ours = Estimate(seen.value * scale, seen.error * scale)
         published = Published(link["key_hz"], HALF_A_UNIT, "link budget")

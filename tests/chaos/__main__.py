@@ -58,7 +58,7 @@ def main() -> int:
     parser.add_argument(
         "--standing", action="store_true", help="strike one network that outlives it"
     )
-    parser.add_argument("--leaps", type=int, help="count wrong ones in so many of stepped time")
+    parser.add_argument("--leaps", type=int, help="leaps of stepped time to look at")
     parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.leaps:

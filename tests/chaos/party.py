@@ -4,7 +4,7 @@
 
 Who has a piece of work computes, and then sends it on or waits for a timer. Time has to stand
 while it computes, and from the instant at which a message or a timer is due until it is handled.
-Each span of time that passed meanwhile is told, by this program's own look at the clock.
+It reports each span of time that passed while it worked, by its own look at the clock.
 """
 
 import json

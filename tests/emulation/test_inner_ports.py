@@ -129,9 +129,9 @@ def test_ports_say_to_which_parts_they_lead(tmp_path: Path) -> None:
                 ports = {port.port_no: port.properties for port in described(operator)}
             assert {number for number in ports if FIRST_INNER_PORT <= number < TOP} == {*said}
             for number, words in said.items():
-                (told,) = ports[number]
-                assert (told.experimenter, told.exp_type) == (0x00514D4E, 1)
-                assert tuple(told.data) == words
+                (part,) = ports[number]
+                assert (part.experimenter, part.exp_type) == (0x00514D4E, 1)
+                assert tuple(part.data) == words
             skipped = execute("ovs-ofctl", "-O", "OpenFlow14", "dump-ports-desc", name)
             assert re.findall(rf"6[0-3]\d\d\d\(({name}-\w+)\)", skipped) == NAMES[name]
 
@@ -180,9 +180,9 @@ def test_inner_ports_that_are_set_down_or_fail_are_announced(tmp_path: Path) -> 
         accepted(operator, light(SOURCE, MEMORY))
         for number, down in enumerate((ofp.OFPPC_PORT_DOWN, 0), 1):
             accepted(operator, port_mod(operator, down))
-            ((port, told),) = statuses(other, 1).items()
-            assert (port, told.config & ofp.OFPPC_PORT_DOWN) == (MEMORY, down)
-            assert told.properties[0].data[:2] == [2 << 16, 1]
+            ((port, part),) = statuses(other, 1).items()
+            assert (port, part.config & ofp.OFPPC_PORT_DOWN) == (MEMORY, down)
+            assert part.properties[0].data[:2] == [2 << 16, 1]
             accepted(operator, packet_out(SOURCE, replace(EMISSION, number=number).encode()))
         wait_until(lambda: counts(operator).stored, "the second block is stored")
         assert counts(operator).stored == PAIRS  # and the first was not
@@ -205,11 +205,11 @@ def require_failed_analyser(operator: Operator, other: Operator) -> None:
 
 
 def statuses(operator: Operator, count: int) -> dict[int, Any]:
-    """Return the ports that so many messages tell of, and nothing more."""
-    told = [operator.next() for _ in range(count)]
-    assert {type(each) for each in told} == {parser.OFPPortStatus}, told
+    """Return the ports that `count` messages describe; fail if another message comes."""
+    messages = [operator.next() for _ in range(count)]
+    assert {type(each) for each in messages} == {parser.OFPPortStatus}, messages
     assert operator.silent()
-    return {each.desc.port_no: each.desc for each in told}
+    return {each.desc.port_no: each.desc for each in messages}
 
 
 def port_mod(operator: Operator, config: int) -> object:

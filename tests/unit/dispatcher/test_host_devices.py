@@ -1,6 +1,7 @@
 """The devices of hosts in a running dispatcher, within 5 standard errors; the seed is 1."""
 
 from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import grpc
@@ -24,6 +25,7 @@ from wire.dispatcher_pb2 import (
 from wire.parameters.physics import (
     BadParameter,
     BellAnalyser,
+    Compensator,
     Detectors,
     Device,
     Memory,
@@ -292,3 +294,10 @@ def test_a_dispatcher_refuses_what_no_device_is_like(tmp_path: Path) -> None:
     ):
         with pytest.raises((BadParameter, BadConfig), match=message):
             build_layer(configuration(tmp_path, devices=devices), JumpingClock(), None)
+
+
+def test_a_dispatcher_that_remembers_no_fibre_refuses_compensators(tmp_path: Path) -> None:
+    devices = {"bob": Device(compensator=Compensator(retarders=3))}
+    config = replace(configuration(tmp_path, devices=devices), history_depth=0)
+    with pytest.raises(BadConfig, match="give history_depth 1 or more"):
+        build_layer(config, JumpingClock(), None)

@@ -73,8 +73,8 @@ def test_a_seal_loses_half_of_what_is_intercepted_in_visibility(tmp_path: Path) 
     errors = {name: fraction / 4 for name, fraction in tapped.items()} | {"nobody": 0.0}
     runs = {}
     for name, rate in {**errors, "intruder": 0.25}.items():
-        told = figures(SealFigures, compared=MANY, error_rate=rate, alarm=name == "intruder")
-        runs[name] = run_of(tmp_path / name, "seal", ServiceJob(asking=told))
+        asking = figures(SealFigures, compared=MANY, error_rate=rate, alarm=name == "intruder")
+        runs[name] = run_of(tmp_path / name, "seal", ServiceJob(asking=asking))
     *seen, alarms, silence = found("seal", runs)
     for finding, fraction in zip(seen, tapped.values(), strict=True):
         assert finding.at == fraction
@@ -168,7 +168,7 @@ def test_the_decoy_lab_counts_what_the_papers_error_correction_would_leave(tmp_p
         pulses = round(2 * sifted / gain)
         spent = 1.16 * sifted * theory.entropy((qber, 1 - qber))
         leaked = round(sifted * (0.1 + place / 100))
-        told = figures(
+        asking = figures(
             KeyFigures,
             photons=pulses,
             raw_bits=2 * sifted,
@@ -178,7 +178,7 @@ def test_the_decoy_lab_counts_what_the_papers_error_correction_would_leave(tmp_p
             key_bits=round(lab["secret"](km) * pulses + spent) - leaked,
             leaked_bits=leaked,
         )
-        runs[f"{km}-km"] = run_of(tmp_path / str(km), "bb84", ServiceJob(asking=told))
+        runs[f"{km}-km"] = run_of(tmp_path / str(km), "bb84", ServiceJob(asking=asking))
     for finding in found("decoy", runs):
         assert finding.published is not None
         value = finding.published.value
@@ -190,8 +190,8 @@ def test_key_rates_of_links_are_clicks_times_their_processing(tmp_path: Path) ->
     lab, runs = own("link-budgets"), {}
     for name, link in lab["LINKS"].items():
         clicks = round(link["key_hz"] / (0.88 * 0.37))
-        told = figures(KeyFigures, photons=10**9, raw_bits=clicks)
-        runs[name] = run_of(tmp_path / name, "bb84", ServiceJob(asking=told))
+        asking = figures(KeyFigures, photons=10**9, raw_bits=clicks)
+        runs[name] = run_of(tmp_path / name, "bb84", ServiceJob(asking=asking))
     for finding in found("link-budgets", runs):
         assert finding.published is not None
         assert finding.ours.value == pytest.approx(finding.published.value, abs=0.5)
@@ -203,7 +203,7 @@ def test_readings_of_an_estimate_are_corrected_for_once_at_either_end(tmp_path: 
     for figure in lab["FIGURES"]["figures"]:
         kept = (2 * figure["readout"] - 1) ** 2
         f = (1 + (4 * figure["purified"] - 1) * kept) / 4
-        told = figures(
+        asking = figures(
             PairFigures,
             fidelity=f,
             fidelity_low=f - 0.01,
@@ -212,7 +212,7 @@ def test_readings_of_an_estimate_are_corrected_for_once_at_either_end(tmp_path: 
             survived=round(MANY * figure["success"]),
         )
         runs[figure["name"]] = run_of(
-            tmp_path / figure["name"], "distribute", ServiceJob(asking=told)
+            tmp_path / figure["name"], "distribute", ServiceJob(asking=asking)
         )
     for finding in found("cross-check", runs):
         assert finding.published is not None
