@@ -12,6 +12,7 @@ from controller_apps.openflow.framework import ProtocolDesc, ofproto, parser
 from controller_apps.openflow.switches import path_bundle, xid_of
 from controller_apps.sessions.actions import OpenPaths
 from wire.optical import EXPERIMENTER
+from wire.part_descriptions import INNER_PORT
 
 Q1, SESSION, FREQUENCY_MHZ = 2, 0xFEDCBA9876543210, 193_400_000
 OPENED = Hop(Q1, 1, 4), Hop(Q1, 0xFFFFFF00, 2)
@@ -82,14 +83,10 @@ def test_a_bundle_is_what_the_framework_makes_of_its_objects(
 
 
 def test_classical_ports_alone_of_a_quantum_switch_forward_as_any_switch_does() -> None:
-    optical, own = (
-        kind.__new__(kind)
-        for kind in (
-            parser.OFPPortDescPropOptical,
-            parser.OFPPortDescPropExperimenter,
-        )
+    optical = parser.OFPPortDescPropOptical.__new__(parser.OFPPortDescPropOptical)
+    own = parser.OFPPortDescPropExperimenter(
+        experimenter=EXPERIMENTER, exp_type=INNER_PORT, data=[0, 1]
     )
-    own.experimenter = EXPERIMENTER
     datapath: Any = Datapath()
     properties = {1: [optical], 2: [own], 3: [], 4: []}  # a fibre, an inner port, and copper
     datapath.ports = {
