@@ -29,6 +29,8 @@ WITH_VALUE = (
     *("--map", "--hosts-at", "--sources-at", "--repeaters-at", "--fibers", "--repeaters"),
     *("--hosts", "--switches", "--leaves", "--spines"),
 )
+# Experiments of the physical layer alone.
+RENAMED = {"handed-over": "fidelity-age", "pairs-made": "overhead", "spied-pairs": "eavesdropping"}
 WITHOUT_VALUE = ("--stations", "--both-ways")
 # Other options of these verbs.
 OPTIONS: Mapping[str, tuple[str, str]] = {
@@ -53,6 +55,9 @@ def translated(words: Sequence[str]) -> list[str]:
         today = _with_parameters(today)
     if today[:2] == ["run", "swap"] or today[:3] == ["lab", "sweep", "swap"]:
         today = [_of_switches(word) for word in today]
+    if today[:2] in (["lab", "curves"], ["lab", "sweep"]):
+        parts = [word.rpartition("=") for word in today]
+        today = [f"{flag}{equals}{RENAMED.get(name, name)}" for flag, equals, name in parts]
     if today[:2] == ["run", "distribute"]:
         today = _with_stations(today)
     if today != [*words]:

@@ -88,7 +88,7 @@ async def resent(laboratory: Laboratory, block: int, size: int, bases: Bytes, ta
     await bob.receive((block, 1), TO_BOB[1])
 
 
-async def spied_pairs(v: Point, seed: int) -> Outcome:
+async def eavesdropping(v: Point, seed: int) -> Outcome:
     """Keep half of each pair at alice, send the other past eve, and measure both as E91 does."""
     noise = theory.of_fidelity(v.fidelity)
     laboratory = network(seed, [fiber(*TO_EVE, depolarizing=noise), fiber(*TO_BOB)])
@@ -103,7 +103,7 @@ async def spied_pairs(v: Point, seed: int) -> Outcome:
     return {"chsh": found.s, "qber": found.qber}
 
 
-def of_spied_pairs(v: Point) -> Theory:
+def of_eavesdropping(v: Point) -> Theory:
     kept = 1 - v.fraction / 2
     qber = (1 - kept * (4 * v.fidelity - 1) / 3) / 2
     return {"chsh": kept * theory.chsh(v.fidelity), "qber": qber}

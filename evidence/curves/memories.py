@@ -51,7 +51,7 @@ def fair(_v: Point) -> Theory:
     return {"equal": FAIR}
 
 
-async def waiting(v: Point, seed: int) -> Outcome:
+async def decoherence(v: Point, seed: int) -> Outcome:
     """Store both halves as they come, or neither; count how often they agree in X and in Z."""
     end = Device(memory=Memory(t1_s=v.t1_s, t2_s=v.t2_s))
     laboratory = network(seed, [fiber(*TESTED)], alice=end, bob=end)
@@ -91,7 +91,7 @@ async def _stored(
     return (alice, (block, 0)), (bob, (block, 1))
 
 
-async def handed_over(v: Point, seed: int) -> Outcome:
+async def fidelity_age(v: Point, seed: int) -> Outcome:
     """Measure every other block at once, and those that are handed over when they have waited.
 
     The sample's estimate is given as measured, and as expected at delivery.
@@ -126,7 +126,7 @@ def _spread(*shares: Estimate) -> float:
     return math.hypot(*(share.error for share in shares)) / 2
 
 
-def of_handed_over(v: Point) -> Theory:
+def of_fidelity_age(v: Point) -> Theory:
     """Of Werner pairs both halves wait, and lose coherence and relax, until they are delivered."""
     werner = (4 * v.fidelity - 1) / 3
     coherent, excited = math.exp(-2 * v.waited_s / v.t2_s), math.exp(-v.waited_s / v.t1_s)

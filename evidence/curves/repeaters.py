@@ -264,7 +264,7 @@ class End(Performer):
         return await self.qnic.store(name)
 
 
-async def pairs_made(v: Point, seed: int) -> Outcome:
+async def overhead(v: Point, seed: int) -> Outcome:
     """Ask for pairs again and again; return how many were made for each that is wanted."""
     seeds = np.random.SeedSequence(seed).spawn(int(v.requests))
     mean = mean_of_draws([await _made(v, int(each.generate_state(1)[0])) for each in seeds])
@@ -292,7 +292,7 @@ async def _made(v: Point, seed: int) -> int:
     return pairs.result().emitted
 
 
-def of_pairs_made(v: Point) -> Theory:
+def of_overhead(v: Point) -> Theory:
     """Return the mean, enumerated over all outcomes of each block of light.
 
     Asked for is what is missing of pairs and sample, by what has come so far, with one in twenty

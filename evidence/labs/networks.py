@@ -16,7 +16,7 @@ from topologies.system.processes.programs import NetworkError
 from wire.results.run_result import RESULT
 
 
-def words_of(words: str, seed: int, runs: Path) -> list[str]:
+def command_for(words: str, seed: int, runs: Path) -> list[str]:
     return [*shlex.split(words), "--seed", str(seed), "--runs", str(runs)]
 
 
@@ -26,7 +26,7 @@ def carry_out(name: str, words: str, seed: int, folder: Path, check: Callable[[]
     Raise NetworkError if it fails; `check` may end it by raising.
     """
     runs, log = folder / name, folder / f"{name}.log"
-    command = words_of(words, seed, runs)
+    command = command_for(words, seed, runs)
     try:
         left = own_run.carry_out(name, command, runs, log, limit_s=LAB_RUN_TIMEOUT_S, check=check)
     except NetworkError as error:

@@ -86,7 +86,7 @@ def findings(runs: Runs) -> Sequence[Finding]:
 
 def rows() -> list[PublishedRow]:
     """Return S and the error rate of E91 on the physical layer alone, and keys by formulas."""
-    point, found = ("spied-pairs", {"fidelity": FIDELITY}), []
+    point, found = ("eavesdropping", {"fidelity": FIDELITY}), []
     for chart, of in (("s", "chsh"), ("qber", "qber")):
         what, there = f"{of}, pairs of fidelity {FIDELITY:g}", THERE[chart]
         found.append(PublishedRow(PAPER, what, there, itemgetter(of), [point], unsure(chart)))

@@ -19,7 +19,7 @@ POINTS: list[tuple[str, Values]] = [
     ("sdc", {"depolarizing": 0.05, "connectors_db": 3.0, "rate_hz": 1_000_000}),
     ("teleport", {"fidelity": 0.7}),
     ("swap", {"first_fidelity": 0.9, "second_fidelity": 0.6}),
-    ("spied-pairs", {"fraction": 0.4, "fidelity": 0.9}),
+    ("eavesdropping", {"fraction": 0.4, "fidelity": 0.9}),
     ("hom", {"delay_ps": 0.7, "visibility": 0.8, "bandwidth_rad_per_s": 2e12}),
     ("hom", {"delay_ps": 0.2, "bandwidth_nm": 1.0, "dispersion_ps_per_nm": 2.0}),
     ("dead-time", {"efficiency": 0.3, "dead_time_s": 5e-8}),

@@ -17,7 +17,7 @@ from evidence.kinds.published import LabOptions, lab_done
 from evidence.labs import catalogue, outcome
 from evidence.labs.drawing import draw_charts, picture
 from evidence.labs.lab import Chart, Finding, Lab, Published, Run, exactly, in_range, paired
-from evidence.labs.networks import words_of
+from evidence.labs.networks import command_for
 from qmn.__main__ import described
 from qmn.jobs.counted_service import checked
 from qmn.needs import Needs, needs_of
@@ -106,7 +106,7 @@ def test_every_run_of_a_lab_is_a_command(name: str, tmp_path: Path) -> None:
     lab = catalogue.lab(name)
     assert lab.runs
     for said in lab.runs.values():
-        words = words_of(said, 1, tmp_path)
+        words = command_for(said, 1, tmp_path)
         arguments = described(words).parse_args(words)
         assert needs_of(arguments) is Needs.NETWORK
         if said.startswith("script "):  # which says no more than these to the script

@@ -55,7 +55,7 @@ def test_entangled_pairs_err_as_their_fibre_depolarises() -> None:
 
 def test_pairs_are_handed_over_as_their_sample_lets_expect() -> None:
     """(1 + 2 w e^-1 + w e^-.5 + (1 - e^-.25)^2)/4, w = (4 x .95 - 1)/3, and .95 at the sample."""
-    told = measure("handed-over", complete("handed-over", {"waited_s": 0.05}), SEED)
+    told = measure("fidelity-age", complete("fidelity-age", {"waited_s": 0.05}), SEED)
     error = told["delivered"][1]
     assert abs(told["estimate"][0] - 0.95) < 5 * error
     right, of_each = (1 + 2.8 / 3) / 2, PAIRS / 2 / 3  # every other block, in each of three bases
@@ -67,7 +67,7 @@ def test_pairs_are_handed_over_as_their_sample_lets_expect() -> None:
 
 def test_pairs_are_made_for_those_that_are_wanted_and_the_sample() -> None:
     """Twelve and a sample of 30, 1.05 x 42 + 1 = 45.1: as are made where all of them come."""
-    told = measure("pairs-made", EXPERIMENTS["pairs-made"].complete({"requests": 3}), SEED)
+    told = measure("overhead", EXPERIMENTS["overhead"].complete({"requests": 3}), SEED)
     assert told["made"] == (46 / 12, 0)
 
 
@@ -75,9 +75,9 @@ def test_pairs_are_made_for_those_that_are_wanted_and_the_sample() -> None:
 def test_what_is_enumerated_of_pairs_made_is_a_series_where_one_is_wanted() -> None:
     """3 + 12/2^3 + 48/2^15 + 192/2^63 + ...: four times as much each time that nothing comes."""
     given: Values = {"wanted": 1, "sample": 0.0, "loss_db": 10 * log10(2), "requests": 300}
-    values, told = EXPERIMENTS["pairs-made"].complete(given), 3 + 12 / 8 + 48 / 2**15
-    assert EXPERIMENTS["pairs-made"].measure("made").theory(values) == pytest.approx(told, abs=1e-6)
-    found, error = measure("pairs-made", values, SEED)["made"]
+    values, told = EXPERIMENTS["overhead"].complete(given), 3 + 12 / 8 + 48 / 2**15
+    assert EXPERIMENTS["overhead"].measure("made").theory(values) == pytest.approx(told, abs=1e-6)
+    found, error = measure("overhead", values, SEED)["made"]
     assert abs(found - told) < 5 * error
 
 
