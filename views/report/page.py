@@ -16,7 +16,7 @@ from views.report import figures
 from views.report.first_photons import first_photons
 from views.report.light_paths import fiber_name, light_paths, photons_by_port
 from views.report.markup import STYLE, table
-from views.report.programs import ladder, outputs
+from views.report.programs import instruction_table, outputs
 from views.report.run_facts import RunFacts, read_run
 from views.report.sentences import of_eve, sentence
 from views.titles import TITLES
@@ -130,7 +130,7 @@ def _sections(run: RunFacts) -> Iterator[str]:
     yield from figures.pictures_of_states(run)
     if isinstance(run.result.job, NetqasmJob):
         yield outputs(run.result.job)
-        yield ladder(run.events, run.result.job.roles)
+        yield instruction_table(run.events, run.result.job.roles)
     yield figures.network(run, paths)
     if isinstance(run.result.job, LoadJob):
         yield figures.load_figure(run, run.result.job)

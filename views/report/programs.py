@@ -1,4 +1,4 @@
-"""A NetQASM application: what its programs returned, and the ladder of their instructions."""
+"""A NetQASM application: what its programs returned, and the table of their instructions."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -30,7 +30,7 @@ def outputs(job: NetqasmJob) -> str:
     return f"<section><h2>What the programs returned</h2>{table(heads, rows)}{more}</section>"
 
 
-def ladder(events: Iterable[Event], roles: Mapping[str, str]) -> str:
+def instruction_table(events: Iterable[Event], roles: Mapping[str, str]) -> str:
     """Return the table of instructions: a row for each subroutine, a column for each host."""
     found = [event for event in events if event.kind == SUBROUTINE]
     hosts = list(dict.fromkeys(roles.values()))
@@ -49,7 +49,7 @@ def ladder(events: Iterable[Event], roles: Mapping[str, str]) -> str:
     body = "".join(f"<tr>{row}</tr>" for row in rows)
     text = "Instructions on qubits and on the network, by the subroutine that has them; those on "
     text += "registers and memory are left out."
-    made = f'<table class="ladder"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
+    made = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
     made = f'<p>{text}</p><div class="scroll">{made}</div>'
     return f"<section><h2>The programs, instruction by instruction</h2>{made}</section>"
 

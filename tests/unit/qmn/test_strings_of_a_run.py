@@ -151,4 +151,4 @@ def test_no_string_is_markup_of_the_live_page(runs: Path) -> None:
     assert "i onload" not in Tags(newest_photons(run)).found
     page = Path(str(sys.modules[described.__module__].__file__)).with_name("page")
     html = [file.name for file in page.glob("*.js") if "innerHTML" in file.read_text()]
-    assert html == ["ladder.js"]
+    assert html == ["handshake.js"]

@@ -7,7 +7,7 @@ from scipy.stats import binomtest
 
 from views.report.bloch_diagram import bloch_diagram, lengths
 from views.report.chain_diagram import chain_diagram, chain_of
-from views.report.programs import instructions, ladder
+from views.report.programs import instruction_table, instructions
 from wire.dispatcher_pb2 import BlockId, Event
 
 
@@ -52,7 +52,7 @@ def test_a_chain_is_that_of_its_links_with_the_oldest_age_at_each_node() -> None
     assert words == ["alice", "q1", "0.791 ms", "q2", "bob"]
 
 
-def test_a_ladder_has_instructions_of_qubits_in_the_column_of_their_host() -> None:
+def test_the_table_has_instructions_of_qubits_in_the_column_of_their_host() -> None:
     text = "set R0 10; array R0 0; create_epr R1 R2 R3 R4 R5; wait_all 0 R5 R6; cnot Q0 Q1; h Q0"
     assert instructions(text) == [
         "create_epr R1 R2 R3 R4 R5",
@@ -64,7 +64,7 @@ def test_a_ladder_has_instructions_of_qubits_in_the_column_of_their_host() -> No
         Event(node="alice", kind="subroutine", time_ns=1000, detail=text),
         Event(node="bob", kind="subroutine", time_ns=4500, detail="set Q0 0; <b> Q0"),
     ]
-    made = ladder(events, {"sender": "alice", "receiver": "bob"})
+    made = instruction_table(events, {"sender": "alice", "receiver": "bob"})
     assert "<th>alice</th><th>bob</th>" in made
     assert "<td>3.500</td><td></td><td>&lt;b&gt; Q0</td>" in made
     assert "array" not in made

@@ -1,7 +1,7 @@
 // The drawing of the network: nodes, copper, fibres; light and photons where they are.
 
 import { rate, sending, wayFrom } from "./light.js";
-import { around, Taken } from "./room.js";
+import { around, Taken } from "./layout.js";
 import { end } from "./state.js";
 
 const SVG = "http://www.w3.org/2000/svg";
