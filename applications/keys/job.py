@@ -9,17 +9,17 @@ from operator import or_
 
 from rich.console import Console
 
-from applications.keys import moments
+from applications.keys import time_series
 from applications.keys.key_managers import (
     KeyManagers,
     KeyService,
     application_name,
     start_key_managers,
 )
-from applications.keys.moments import Moments
 from applications.keys.options import key_service
 from applications.keys.request import KeysRequest
-from applications.keys.scheduled_eavesdropper import PassingEavesdropper, check_passing
+from applications.keys.scheduled_eavesdropper import ScheduledEavesdropper, check_schedule
+from applications.keys.time_series import TimeSeries
 from programs.network_waits import NetworkWaits
 from qmn.jobs import eavesdropping
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
@@ -61,7 +61,7 @@ def checked(request: KeysRequest) -> tuple[KeysRequest, NetworkDescription]:
         check_light(service.link.protocol, pair, network.parts)
     protocol = service.link.protocol
     felt = reduce(or_, (felt_by(protocol, pair, network.parts) for pair in service.pairs))
-    check_passing(request.eve, service.pairs[0], network)
+    check_schedule(request.eve, service.pairs[0], network)
     if request.eve.eve is not None:
         felt |= everything([eavesdropping.EVE])
     return request, checked_settings(protocol, felt, network)
@@ -79,8 +79,8 @@ def run(request: KeysRequest, signals: Signals, console: Console) -> int:
     require_free(description.topo)
     folder = begin_folder(request.run.runs, NAME)
     service = service_of(request, description)
-    way = eavesdropping.tapped_way(service.link.protocol, service.pairs[0], "", description)
-    eve = PassingEavesdropper(request.eve, *way, folder)
+    path = eavesdropping.tapped_path(service.link.protocol, service.pairs[0], "", description)
+    eve = ScheduledEavesdropper(request.eve, *path, folder)
     context = RunContext(eve.with_policy(description), request.run, folder, signals, console)
     hosts = list(dict.fromkeys(host for pair in service.pairs for host in pair))
     kept = KeysJob()
@@ -93,25 +93,27 @@ def run(request: KeysRequest, signals: Signals, console: Console) -> int:
             waits.hold()
             managers = start_key_managers(network, service)
             introduce(console, managers)
-            noted = moments_of(network, managers.programs, console)
+            noted = time_series_of(network, managers.programs, console)
             kept.moments = noted.all
             watch(network, noted, eve, waits, request.seconds)
-            kept.asking = summary = moments.summary(noted.all, noted.now_s)
+            kept.asking = summary = time_series.summary(noted.all, noted.now_s)
         facts.delivered = summary.keys > 0
     result.show(console, facts, folder, ended.report)
     return 0 if facts.delivered else 1
 
 
-def moments_of(network: Network, programs: Mapping[str, Program], console: Console) -> Moments:
+def time_series_of(
+    network: Network, programs: Mapping[str, Program], console: Console
+) -> TimeSeries:
     """Return what takes down the words of programs of hosts, and shows them."""
     runtime = network.runtime
-    return Moments(programs, runtime.time, partial(show, console), runtime.clocks_ahead_s())
+    return TimeSeries(programs, runtime.time, partial(show, console), runtime.clocks_ahead_s())
 
 
 def watch(
     network: Network,
-    noted: Moments,
-    eve: PassingEavesdropper,
+    noted: TimeSeries,
+    eve: ScheduledEavesdropper,
     waits: NetworkWaits,
     seconds: float | None,
 ) -> None:
@@ -140,4 +142,4 @@ def introduce(console: Console, managers: KeyManagers) -> None:
 
 def show(console: Console, moment: Moment) -> None:
     if not isinstance(moment, SessionMoment) or moment.opened:
-        console.print(moments.words(moment), soft_wrap=True, markup=False)
+        console.print(time_series.words(moment), soft_wrap=True, markup=False)

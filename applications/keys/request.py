@@ -11,7 +11,7 @@ MOST_S = 86_400.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class PassingEve:
+class EveSchedule:
     """Whether she comes, and when."""
 
     eve: float | None = option(
@@ -31,7 +31,7 @@ class KeysRequest:
     """Which keys are to be kept, for how long, and who comes meanwhile."""
 
     keys: KeyServiceOptions
-    eve: PassingEve
+    eve: EveSchedule
     network: NetworkOptions
     run: RunOptions
     seconds: float | None = option(

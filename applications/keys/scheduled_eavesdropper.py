@@ -8,8 +8,8 @@ import math
 from collections.abc import Collection
 from pathlib import Path
 
-from applications.keys.moments import Moments
-from applications.keys.request import PassingEve
+from applications.keys.request import EveSchedule
+from applications.keys.time_series import TimeSeries
 from qmn.jobs import eavesdropping
 from qmn.jobs.policies import tapping_policy, write_policy
 from qmn.network.description import NetworkDescription
@@ -20,7 +20,7 @@ from topologies.networks.network import Network
 from topologies.system.processes.programs import Program, python
 
 
-def check_passing(eve: PassingEve, ends: Collection[str], network: NetworkDescription) -> None:
+def check_schedule(eve: EveSchedule, ends: Collection[str], network: NetworkDescription) -> None:
     """Raise BadInput if she cannot come so."""
     check_ranges(eve)
     if eve.eve is None:
@@ -30,10 +30,10 @@ def check_passing(eve: PassingEve, ends: Collection[str], network: NetworkDescri
         raise BadInput(f"--until {eve.until:g} is not after --at {eve.at:g}")
 
 
-class PassingEavesdropper:
+class ScheduledEavesdropper:
     """Comes and leaves when it is time."""
 
-    def __init__(self, options: PassingEve, begin: str, end: str, folder: Path) -> None:
+    def __init__(self, options: EveSchedule, begin: str, end: str, folder: Path) -> None:
         """Let her come to the light from the one to the other; her policy is in the folder."""
         self._options, self._begin, self._end = options, begin, end
         self._folder = folder
@@ -56,26 +56,26 @@ class PassingEavesdropper:
             return math.inf
         return self._since_s + self._stays_s if self._is_there else self._options.at
 
-    def look(self, network: Network, moments: Moments) -> None:
+    def look(self, network: Network, series: TimeSeries) -> None:
         """Do what it is time for."""
         if self._gone:
             return
         if self._eve is None:
             self._eve = self._prepare(network)
-        elif moments.now_s < self.due_s:
+        elif series.now_s < self.due_s:
             return
         elif not self._is_there:
             self._eve.wait_for("intercepting", START_TIMEOUT_S, network.check)
             tapping_policy(self._begin, self._end, eavesdropping.EVE, self._folder)
             ask("reload-policy")
-            self._is_there, self._since_s = True, moments.now_s
-            moments.add("eve_comes", fraction=self._options.eve)
+            self._is_there, self._since_s = True, series.now_s
+            series.add("eve_comes", fraction=self._options.eve)
         else:
             write_policy(self._folder)
             ask("reload-policy")
             self._eve.stop()
             self._gone = True
-            moments.add("eve_leaves", **vars(eavesdropping.summary_of(self._eve)))
+            series.add("eve_leaves", **vars(eavesdropping.summary_of(self._eve)))
 
     def _prepare(self, network: Network) -> Program:
         """Start her program, which takes no light before the policy puts her on the fibre."""

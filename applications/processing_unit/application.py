@@ -14,7 +14,7 @@ from applications.processing_unit.measuring import choose, measurement, read_use
 from applications.processing_unit.memory import MOST, Value
 from applications.processing_unit.messages import OpenSocket, ReturnedArray, ReturnedRegister
 from applications.processing_unit.pair_requests import MAX_PAIRS, Measuring, PairRequest, Use
-from applications.processing_unit.pairs import Made, PairMaking
+from applications.processing_unit.pairs import Made, PairService
 from applications.processing_unit.qubits import Qubits
 from applications.processing_unit.subroutine import Subroutine
 from hosts.hardware.operations import BlockName
@@ -78,13 +78,13 @@ class Application:
         self,
         nodes: Sequence[str],
         qnic: Qnic,
-        making: PairMaking,
+        pair_service: PairService,
         session: int,
         most_qubits: int,
         draws: np.random.Generator,
     ) -> None:
         """Nodes are numbered from 0; the qubits are photons of the session."""
-        self._nodes, self._qnic, self._making, self._draws = nodes, qnic, making, draws
+        self._nodes, self._qnic, self._pair_service, self._draws = nodes, qnic, pair_service, draws
         self._session = session
         self._qubits = Qubits(qnic, session, most_qubits)
         self._machine = Machine(self._qubits, self._ask, self._settled, self._arrived)
@@ -152,12 +152,12 @@ class Application:
             raise _refused(f"{request.pairs} pairs to keep, and not as many qubits are named")
         remote_socket = self._sockets[request.node, request.socket]
         asked = PairRequest(
-            self._making.node, request.socket, remote_socket, request.pairs, use, theirs
+            self._pair_service.node, request.socket, remote_socket, request.pairs, use, theirs
         )
         remote = self._nodes[request.node]
         while request.left:
             rest = replace(asked, pairs=request.left)
-            halves = request.add(await self._making.create(rest, remote, self._qubits))
+            halves = request.add(await self._pair_service.create(rest, remote, self._qubits))
             if use == Use.KEEP:
                 self._keep(halves)
             else:
@@ -168,7 +168,9 @@ class Application:
         key = self._nodes[request.node], request.socket, remote_socket
         while request.left:
             can_keep = self._can_keep(request)
-            asked, made = await self._making.receive(key, request.left, can_keep, self._qubits)
+            asked, made = await self._pair_service.receive(
+                key, request.left, can_keep, self._qubits
+            )
             halves = request.add(made)
             if asked.use == Use.MEASURE:
                 await self._measure(halves, asked.use, asked.receiver)

@@ -116,7 +116,7 @@ class Wanted:
         return Verdict.READY
 
 
-class PairMaking:
+class PairService:
     """All pairs between the applications of this unit and those of others."""
 
     def __init__(

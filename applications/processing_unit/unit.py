@@ -22,7 +22,7 @@ from applications.processing_unit.messages import (
     encode_unit_message,
 )
 from applications.processing_unit.pair_requests import PAIRS_PORT
-from applications.processing_unit.pairs import PairMaking
+from applications.processing_unit.pairs import PairService
 from applications.processing_unit.subroutine import Subroutine
 from hosts.hardware.qnic import Qnic
 from hosts.middleware.session.errors import SessionError
@@ -43,7 +43,7 @@ class Unit:
         self._name, self._seed, self._qnic = config.name, config.seed, qnic
         self._nodes: Mapping[str, str] = dict(sorted(config.hosts.items()))
         self._new_session = new_session
-        self._pairs = PairMaking(config, self._nodes, qnic, sessions)
+        self._pairs = PairService(config, self._nodes, qnic, sessions)
         self.serve_unit = self._pairs.serve
 
     async def serve_application(

@@ -11,12 +11,12 @@ from shutil import which
 
 from rich.console import Console
 
-from applications.keys import moments
+from applications.keys import time_series
 from applications.keys.config import KeyLink
-from applications.keys.job import moments_of
+from applications.keys.job import time_series_of
 from applications.keys.key_managers import KeyService, start_key_managers
-from applications.keys.moments import Moments
-from applications.keys.scheduled_eavesdropper import PassingEavesdropper, check_passing
+from applications.keys.scheduled_eavesdropper import ScheduledEavesdropper, check_schedule
+from applications.keys.time_series import TimeSeries
 from applications.vpn.format import STRONGSWAN, TLS, WIREGUARD
 from applications.vpn.request import DEFAULT_S, VpnRequest
 from applications.vpn.tunnel import (
@@ -84,7 +84,7 @@ def checked(request: VpnRequest) -> tuple[VpnRequest, NetworkDescription]:
     check_network(request.network)
     check_ranges(request.run)
     check_ranges(request)
-    check_passing(request.eve, ends, network)
+    check_schedule(request.eve, ends, network)
     if request.lifetime <= request.rotate:
         raise BadInput(
             f"--key-lifetime {request.lifetime:g}: choose more than --rotate {request.rotate:g}"
@@ -114,7 +114,7 @@ def run(request: VpnRequest, signals: Signals, console: Console) -> int:
     request, description = checked(request)
     require_free(description.topo)
     folder = begin_folder(request.run.runs, NAME)
-    eve = passing_eve(request, description, folder)
+    eve = scheduled_eavesdropper(request, description, folder)
     context = RunContext(eve.with_policy(description), request.run, folder, signals, console)
     kept, hosts = KeysJob(), (request.sender, request.receiver)
     facts = known_facts(context, NAME, hosts, kept, request)
@@ -127,17 +127,17 @@ def run(request: VpnRequest, signals: Signals, console: Console) -> int:
     return 0 if facts.delivered else 1
 
 
-def passing_eve(
+def scheduled_eavesdropper(
     request: VpnRequest, network: NetworkDescription, folder: Path
-) -> PassingEavesdropper:
-    way = eavesdropping.tapped_way(PROTOCOL, (request.sender, request.receiver), "", network)
-    return PassingEavesdropper(request.eve, *way, folder)
+) -> ScheduledEavesdropper:
+    path = eavesdropping.tapped_path(PROTOCOL, (request.sender, request.receiver), "", network)
+    return ScheduledEavesdropper(request.eve, *path, folder)
 
 
 def use_network(
     request: VpnRequest,
     network: Network,
-    eve: PassingEavesdropper,
+    eve: ScheduledEavesdropper,
     context: RunContext,
     kept: KeysJob,
 ) -> None:
@@ -153,7 +153,7 @@ def use_network(
             f"timers on the wall clock: {OWN_TIMERS[request.program]}", soft_wrap=True
         )
     watched = {host: managers.programs[host] for host in ends}
-    noted = moments_of(network, watched, context.console)
+    noted = time_series_of(network, watched, context.console)
     kept.moments = noted.all
     tunnel = start_tunnel(network, ends, request.rotate, request.lifetime, request.program)
     for host, program in zip(ends, tunnel.programs[:2], strict=True):
@@ -180,8 +180,8 @@ def file_of(request: VpnRequest, folder: Path) -> Path:
 
 def watch(
     network: Network,
-    noted: Moments,
-    eve: PassingEavesdropper,
+    noted: TimeSeries,
+    eve: ScheduledEavesdropper,
     programs: list[Program],
     moved: MovedFile,
     seconds: float,
@@ -210,20 +210,20 @@ def watch(
 
 def hindrance(all_moments: Sequence[Moment], until_s: float) -> str:
     """Return what has kept a tunnel from its file until now, or what to do."""
-    last = next(reversed(moments.sessions(all_moments)), None)
+    last = next(reversed(time_series.sessions(all_moments)), None)
     if last is not None and last.event == "failed":
         return f"no keys, as {last.host}'s last session failed: {last.text}"
     closed = closed_s(all_moments, until_s)
     return f"the tunnel was closed for {closed:.1f} s; give it more --seconds"
 
 
-def counted(noted: Moments, moved: MovedFile, file: Path) -> TunnelFigures:
+def counted(noted: TimeSeries, moved: MovedFile, file: Path) -> TunnelFigures:
     """Return what the run came to."""
     elapsed_s = noted.now_s
     handshakes = [each.seconds for each in noted.all if isinstance(each, HandshakeMoment)]
     arrived = moved.output.exists() and not moved.download.running
     return TunnelFigures(
-        **vars(moments.summary(noted.all, elapsed_s)),
+        **vars(time_series.summary(noted.all, elapsed_s)),
         keys_used=len(handshakes),
         longest_handshake_s=max(handshakes, default=None),
         tunnel_closed_s=closed_s(noted.all, elapsed_s),

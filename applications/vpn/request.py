@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from applications.keys.request import PassingEve
+from applications.keys.request import EveSchedule
 from applications.vpn.format import PROGRAMS, WIREGUARD
 from hosts.middleware.session.options import MAX_COUNT
 from qmn.network.options import NetworkOptions
@@ -50,6 +50,6 @@ class VpnRequest:
         range=(1.0, 86_400),
         recorded=False,
     )
-    eve: PassingEve
+    eve: EveSchedule
     network: NetworkOptions
     run: RunOptions

@@ -1,6 +1,6 @@
 """qmn run vpn: a tunnel whose keys are of light."""
 
-from applications.keys.request import PassingEve
+from applications.keys.request import EveSchedule
 from applications.vpn.request import VpnRequest
 from qmn.jobs.start import describe_job
 from qmn.parser import Parser
@@ -9,4 +9,4 @@ HELP = "a VPN whose keys are of light, with a file moving through it"
 
 
 def describe(parser: Parser) -> None:
-    describe_job(parser, "applications.vpn.job", VpnRequest, PassingEve)
+    describe_job(parser, "applications.vpn.job", VpnRequest, EveSchedule)

@@ -68,15 +68,15 @@ def darken(pulses: Pulses, members: Mask) -> None:
 
 
 def part(pulses: Pulses, members: Mask) -> Pulses:
-    return part_noise(pulses, None if pulses.extras is None else pulses.extras * members)
+    return split_noise(pulses, None if pulses.extras is None else pulses.extras * members)
 
 
-def part_noise(pulses: Pulses, extras: NDArray[np.uint8] | None) -> Pulses:
+def split_noise(pulses: Pulses, extras: NDArray[np.uint8] | None) -> Pulses:
     """Move so much noise of each pulse into a part of its own; None if there is none at all."""
-    parted = replace(pulses, extras=extras)
+    separated = replace(pulses, extras=extras)
     if pulses.extras is not None and extras is not None:
         pulses.extras = pulses.extras - extras
-    return parted
+    return separated
 
 
 def unite(pulses: Pulses, other: Pulses, members: Mask) -> None:

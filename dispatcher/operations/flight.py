@@ -295,7 +295,7 @@ class Flight:
         part = replace(
             block,
             register=layer.sabot.part(block.register, passed.photons),
-            pulses=pulses.part_noise(block.pulses, noise),
+            pulses=pulses.split_noise(block.pulses, noise),
             extra_pairs=extra_pairs.part_of(layer.sabot, block, passed.others[:size]),
         )
         layer.ownership.add(part)

@@ -77,8 +77,8 @@ def with_policy(
     """Return the network with the policy that eve or a schedule need, written into the folder."""
     if request.eve is not None:
         ends = request.sender, request.receiver
-        way = eavesdropping.tapped_way(request.service, ends, request.options.source, network)
-        return network.with_policy(tapping_policy(*way, eavesdropping.EVE, folder))
+        path = eavesdropping.tapped_path(request.service, ends, request.options.source, network)
+        return network.with_policy(tapping_policy(*path, eavesdropping.EVE, folder))
     if request.schedule is not None or request.purify is not None:
         return network.with_policy(
             scheduling_policy(request.schedule or PARALLEL, request.purify or 0, folder)

@@ -64,7 +64,7 @@ def check(ends: Collection[str], network: NetworkDescription) -> None:
         raise BadInput("--eve makes a policy of its own: leave out --policy")
 
 
-def tapped_way(
+def tapped_path(
     service: str, ends: tuple[str, str], source: str, network: NetworkDescription
 ) -> tuple[str, str]:
     """Return from whom to whom the light goes that eve sees; ends ask, and are asked.

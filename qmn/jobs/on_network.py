@@ -187,11 +187,11 @@ def _fixed_by(request: JobRequest, network: NetworkDescription) -> dict[str, Any
     """
     if not isinstance(request, ServiceRequest):
         return dict.fromkeys(("eve", "schedule", "purify"))
-    way = None
+    path = None
     if request.eve is not None:
         ends = request.sender, request.receiver
-        way = eavesdropping.tapped_way(request.service, ends, request.options.source, network)
-    return {"eve": way, "schedule": request.schedule, "purify": request.purify}
+        path = eavesdropping.tapped_path(request.service, ends, request.options.source, network)
+    return {"eve": path, "schedule": request.schedule, "purify": request.purify}
 
 
 def made_as(description: NetworkDescription) -> Made:

@@ -34,7 +34,7 @@ def run(job: str, *words: str, folder: Path | str | None = None, **options: Any)
     stays. Raise BadInput for what cannot be, NetworkError if it fails, in the words of `qmn`.
     """
     verb = [job] if job in VERBS else ["run", job]
-    given = [word for name, value in options.items() for word in words_of(name, value)]
+    given = [word for name, value in options.items() for word in option_words(name, value)]
     with TemporaryDirectory(prefix="qmn-run-") as scratch:
         runs = Path(folder or scratch).absolute()
         command = [*verb, *words, *given, "--runs", str(runs)]
@@ -44,7 +44,7 @@ def run(job: str, *words: str, folder: Path | str | None = None, **options: Any)
     return JobResult(**vars(result))
 
 
-def words_of(name: str, value: Any) -> list[str]:
+def option_words(name: str, value: Any) -> list[str]:
     """Return an option of the command line; it comes once for each element of a list."""
     flag = f"--{name.rstrip('_').replace('_', '-')}"
     if isinstance(value, bool):

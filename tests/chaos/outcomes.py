@@ -9,7 +9,7 @@ from strikes import OUTPUT, RUNNER, Strike
 from under_way import PHASES, Moment
 
 NO_LIGHT = "no light: "
-FAILED = re.compile(r"s  \w+: failed: .*? \((.+)\)$")  # as applications.keys.moments.words says it
+FAILED = re.compile(r"s  \w+: failed: .*? \((.+)\)$")  # of time_series.words
 NAMED_S, STALLED_NAMED_S = 5.0, 30.0
 
 

@@ -1,7 +1,7 @@
 """Every file of examples/, and every program beside a page of docs/, run as its first lines say.
 
 Others are with what they change: standing_light.py is in test_own_controller.py, flicker.py in
-test_run_sdc.py, ageing.py in test_run_part_noise.py, damping.py in test_run_kraus.py,
+test_run_sdc.py, ageing.py in test_run_device_noise.py, damping.py in test_run_kraus.py,
 lying_relay.py in test_run_qkd.py, trunk.py in test_run_load.py, tags.py and played.py in
 test_run_tags.py.
 """

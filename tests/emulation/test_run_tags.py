@@ -94,9 +94,9 @@ def test_keys_are_distilled_of_tags_that_hosts_play(tmp_path: Path) -> None:
     ):
         (tmp_path / "tags" / f"{host}.tags").write_bytes(words.encode(units + ahead, patterns))
     topology = ("--topology", f"{ROOT}/docs/time-tags/played.py:Played", "--time", "stepped")
-    words_of_run = ["qkd", "--protocol", "bbm92", *topology, "--count", "10000"]
+    command = ["qkd", "--protocol", "bbm92", *topology, "--count", "10000"]
     runs = tmp_path / "runs"
-    done = run_qmn("run", *words_of_run, "--bound", "asymptotic", "--runs", str(runs), cwd=tmp_path)
+    done = run_qmn("run", *command, "--bound", "asymptotic", "--runs", str(runs), cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     asking = json.loads((runs / "latest" / "result.json").read_text())["job"]["asking"]
     error = sqrt(ERRORS * (1 - ERRORS) / asking["disclosed_bits"])

@@ -9,7 +9,7 @@ from outcomes import Made, Outcome, bad, first_told, told, too_few
 from strikes import Strike
 from under_way import Moment
 
-from applications.keys.moments import words
+from applications.keys.time_series import words
 from wire.results.time_series import moment
 
 KEYS = {"peer": "bob", "opened": True, "qber": None, "mine": 0, "theirs": 0, "withheld": True}

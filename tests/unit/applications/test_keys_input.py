@@ -7,7 +7,7 @@ from applications.keys.job import checked, service_of
 from applications.keys.key_managers import KeyService
 from applications.keys.request import KeysRequest
 from qmn.__main__ import described
-from qmn.jobs.eavesdropping import tapped_way
+from qmn.jobs.eavesdropping import tapped_path
 from qmn.options import BadInput, read
 
 
@@ -31,8 +31,8 @@ def test_eve_is_on_the_light_of_who_opens_on_its_way_to_whoever_measures_it() ->
     """Of BB84 that is the acceptor, of MDI-QKD the relay; of pairs she is before the acceptor."""
     whole = ["run", "keys", "--eve", "1"]
     _request, network = checked(read(KeysRequest, described(whole).parse_args(whole)))
-    ways = {each: tapped_way(each, ("alice", "bob"), "", network) for each in KEY_LINK_PORTS}
-    assert ways == {
+    paths = {each: tapped_path(each, ("alice", "bob"), "", network) for each in KEY_LINK_PORTS}
+    assert paths == {
         "bb84": ("alice", "bob"),
         "bbm92": ("charlie", "bob"),
         "e91": ("charlie", "bob"),

@@ -211,7 +211,7 @@ def test_the_status_of_the_keeping_of_keys_says_whether_there_were_any(
 
     monkeypatch.setattr(keys, "running_network", running)
     monkeypatch.setattr(keys, "start_key_managers", lambda *_: managers)
-    monkeypatch.setattr("applications.keys.moments.summary", lambda *_: told)
+    monkeypatch.setattr("applications.keys.time_series.summary", lambda *_: told)
     assert status_of("run keys --seconds 1", tmp_path) == (0 if made else 1)
 
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from applications.keys.request import PassingEve
+from applications.keys.request import EveSchedule
 from applications.vpn.request import VpnRequest
 from qmn.options import from_keywords
 from wire.parameters.option import unit_of
@@ -68,7 +68,7 @@ def test_anything_else_is_refused(name: str, text: str, kind: type[int], why: st
 
 @pytest.mark.parametrize(
     ("request_class", "name", "value"),
-    [(PassingEve, "at", 90.0), (VpnRequest, "rotate", 90.0)],
+    [(EveSchedule, "at", 90.0), (VpnRequest, "rotate", 90.0)],
 )
 def test_an_option_whose_name_has_no_unit_has_that_of_its_metavar(
     request_class: type[Any], name: str, value: float

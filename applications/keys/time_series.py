@@ -1,4 +1,4 @@
-"""The words of key managers and tunnels on one time line: seconds since the run could begin."""
+"""The time series of a run with key managers or tunnels, in seconds since the run could begin."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -14,7 +14,7 @@ from wire.results.time_series import AnyMoment, Moment, SessionMoment, moment
 NOT_AHEAD: Mapping[str, float] = {}
 
 
-class Moments:
+class TimeSeries:
     """Gathers the lines of programs, and what the run itself does."""
 
     def __init__(

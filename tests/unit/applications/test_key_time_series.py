@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from applications.keys.moments import Moments
+from applications.keys.time_series import TimeSeries
 from topologies.system.processes.programs import Program
 from wire.network_time import NetworkTime
 from wire.results.time_series import AnyMoment
@@ -18,7 +18,7 @@ def test_times_of_another_machine_are_by_this_ones_clock(tmp_path: Path) -> None
     for program in programs.values():
         program.log.touch()
     told: list[AnyMoment] = []
-    moments = Moments(programs, NetworkTime(2.0, time.time_ns()), told.append, {"bob": 100.0})
+    moments = TimeSeries(programs, NetworkTime(2.0, time.time_ns()), told.append, {"bob": 100.0})
     now = time.time()
     said = {"alice": [now + 2, now + 6], "bob": [now + 104]}
     for host, times in said.items():
