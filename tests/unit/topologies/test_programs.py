@@ -5,6 +5,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -47,6 +48,28 @@ def test_one_that_is_killed_at_its_start_is_said_to_be(tmp_path: Path) -> None:
     killed = program(tmp_path, "import os; print('hello', flush=True); os.kill(os.getpid(), 9)")
     with pytest.raises(NetworkError, match="clock ended at its start: killed by SIGKILL"):
         killed.wait_for("ready", SOON_S)
+
+
+COMPUTES = """
+import os, time
+os.sched_setaffinity(0, {%d})
+while time.process_time() < %g:
+    pass
+print("ready", flush=True)
+"""
+
+
+def test_time_without_a_processor_does_not_count_as_waiting(tmp_path: Path) -> None:
+    """Of four programs on one processor, each has a quarter of it: 0.5 s takes 2 s, and not 1 s."""
+    own = min(os.sched_getaffinity(0))
+    busy = [program(tmp_path, COMPUTES % (own, 60), f"busy-{number}") for number in range(3)]
+    began = time.monotonic()
+    slow = program(tmp_path, COMPUTES % (own, 0.5))
+    try:
+        slow.wait_for("ready", 1.0)
+        assert time.monotonic() - began > 1.0
+    finally:
+        stop_all([slow, *busy])
 
 
 def test_a_wait_names_what_it_waited_for(tmp_path: Path) -> None:

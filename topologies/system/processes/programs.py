@@ -119,6 +119,7 @@ class Program:
         self.log = log
         self._process: Process | None = None
         self._told_to_end = False
+        self._elsewhere = False  # on another machine
         self._begins = 0  # where in the log this start of it does
 
     def start(
@@ -173,6 +174,7 @@ class Program:
         self, machine: Elsewhere, command: Sequence[str], pid: int, python: bool = True
     ) -> None:
         """Start the command, or one of our modules, on another machine; its log is here."""
+        self._elsewhere = True
         self._begins = self.log.stat().st_size if self.log.exists() else 0
         self.log.touch()
 
@@ -203,18 +205,29 @@ class Program:
     ) -> None:
         """Wait until a line of the log contains text; raise NetworkError if it will not.
 
-        Meanwhile `check` is called, which raises if something else makes the wait useless.
+        Time in which the program waited for a processor does not count. Meanwhile `check` is
+        called, which raises if something else makes the wait useless.
         """
-        deadline, words = time.monotonic() + timeout_s, re.compile(rf"\b{re.escape(text)}\b")
+        deadline = time.monotonic() + timeout_s - self._queued_s()
+        words = re.compile(rf"\b{re.escape(text)}\b")
         while not words.search(self.output()):
             if not self.running:
                 raise NetworkError(f"{self.name} ended at its start: {self.end()}")
-            if time.monotonic() > deadline:
+            if time.monotonic() > deadline + self._queued_s():
                 raise NetworkError(
                     f"{self.name} was not ready in {timeout_s:g} s; its log: {self.log}"
                 )
             check()
             time.sleep(POLL_S)
+
+    def _queued_s(self) -> float:
+        """Return how long its first thread was ready to run and had no processor (schedstat(5))."""
+        if self._elsewhere:
+            return 0.0
+        try:
+            return int(Path(f"/proc/{self.pid}/schedstat").read_text().split()[1]) / 1e9
+        except (FileNotFoundError, ProcessLookupError):
+            return 0.0  # it has ended, or this kernel does not count
 
     def cut_log(self, most_bytes: int) -> None:
         """Begin a new log if it is longer; the earlier one is beside it, in <log>.1.
