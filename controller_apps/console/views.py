@@ -7,6 +7,7 @@ from controller_apps.light.paths import Network
 from controller_apps.sessions.sessions import Request, Session, Sessions
 from wire.device import OF_LIGHT, setting_name
 from wire.metadata.vocabulary import Handshake, Service
+from wire.parameters.switch import INNER_PORTS, inner_port
 
 
 def sessions_view(sessions: Sessions, network: Network, now: float) -> list[dict[str, Any]]:
@@ -33,8 +34,8 @@ def paths_view(sessions: Sessions, network: Network) -> list[dict[str, Any]]:
         {
             "session": f"{session.number:016x}",
             **_parties(session, network),
-            "begin": _host(network, path.leg.start),
-            "end": _host(network, path.leg.end),
+            "begin": _end(network, path.leg.start),
+            "end": _end(network, path.leg.end),
             "loss_db": path.loss_mdb / 1000,
             "rotation": path.rotation,
             "frequency_mhz": session.frequency_mhz,
@@ -59,8 +60,8 @@ def request_view(request: Request, network: Network) -> dict[str, str]:
 def light_view(session: Session, network: Network) -> list[dict[str, Any]]:
     return [
         {
-            "begin": _host(network, path.leg.start),
-            "end": _host(network, path.leg.end),
+            "begin": _end(network, path.leg.start),
+            "end": _end(network, path.leg.end),
             "by": [network.name_of(hop.dpid) for hop in path.hops],
             "loss_db": path.loss_mdb / 1000,
         }
@@ -115,6 +116,13 @@ def _parties(session: Session, network: Network) -> dict[str, str]:
 def _host(network: Network, at: SwitchPort) -> str:
     host = network.hosts.get(at)
     return host.name if host else _port(at)
+
+
+def _end(network: Network, at: SwitchPort) -> str:
+    """Return the name of a host's port, or of the port of a part inside a switch."""
+    if at.port in INNER_PORTS:
+        return inner_port(at.port).name(network.name_of(at.dpid))
+    return _host(network, at)
 
 
 def _port(at: SwitchPort) -> str:

@@ -9,6 +9,7 @@ from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import Event
 from wire.malformed import MalformedPacket
 from wire.parameters.fiber import Fiber, FiberEnd
+from wire.parameters.switch import INNER_PORTS, inner_port
 from wire.results.run_result import NetworkFacts
 
 _OUTCOME = re.compile(r"(?:Phi|Psi)[+-]=(\d+)")
@@ -25,7 +26,7 @@ class Hop:
 
 @dataclass(frozen=True)
 class LightPath:
-    """A way for light from one host's port to another's."""
+    """A way for light by fibres, from a host's port or a part of a switch to another such."""
 
     begin: str
     end: str
@@ -75,19 +76,24 @@ class _Plant:
     def paths(self, ways: dict[FiberEnd, str]) -> Iterator[LightPath]:
         for begin in self._fibers:
             if begin.node not in self._switches:
-                path = self._follow(begin, ways)
+                path = self._follow(begin.port, begin, ways)
+                if path is not None:
+                    yield path
+        for begin, out_port in ways.items():
+            if name := part_at(begin):
+                path = self._follow(name, FiberEnd(begin.node, out_port), ways)
                 if path is not None:
                     yield path
 
-    def _follow(self, begin: FiberEnd, ways: dict[FiberEnd, str]) -> LightPath | None:
+    def _follow(self, name: str, place: FiberEnd, ways: dict[FiberEnd, str]) -> LightPath | None:
         hops: list[Hop] = []
-        place, seen = begin, set[FiberEnd]()
+        seen = set[FiberEnd]()
         while place in self._fibers and place not in seen:
             seen.add(place)
             fiber, far = self._fibers[place]
             hops.append(Hop(fiber_name(fiber), fiber.loss_db, (place.node, far.node)))
             if far.node not in self._switches:
-                return LightPath(begin.port, far.port, tuple(hops))
+                return LightPath(name, far.port, tuple(hops))
             if far not in ways:
                 return None
             switch, out_port = self._switches[far.node], ways[far]
@@ -95,7 +101,15 @@ class _Plant:
                 Hop(f"{far.node} {far.port}→{out_port}", _switch_loss_db(switch, far, out_port))
             )
             place = FiberEnd(far.node, out_port)
+            if part := part_at(place):
+                return LightPath(name, part, tuple(hops))
         return None
+
+
+def part_at(place: FiberEnd) -> str:
+    """Return the name of the part of a switch that its port leads to, empty for others."""
+    number = int(place.port) if place.port.isdigit() else 0
+    return inner_port(number).node(place.node) if number in INNER_PORTS else ""
 
 
 def fiber_name(fiber: Fiber) -> str:
@@ -117,8 +131,10 @@ def photons_by_port(events: Iterable[Event]) -> dict[str, tuple[int, int]]:
     counts: dict[str, tuple[int, int]] = defaultdict(lambda: (0, 0))
     for event in events:
         if event.kind == "arrive" and event.port:
-            photons, lost = counts[event.port]
-            counts[event.port] = (photons + event.photons, lost + event.lost)
+            inside = part_at(FiberEnd(event.node, event.port))  # there the node is the part
+            place = event.node if inside else event.port
+            photons, lost = counts[place]
+            counts[place] = (photons + event.photons, lost + event.lost)
     return dict(counts)
 
 

@@ -64,7 +64,7 @@ def network_diagram(
 
 def _places(filled: Sequence[Sequence[str]], height: float) -> dict[str, Place]:
     """Return where each node is, in inches; columns are nearer to each other on the left."""
-    shares = {3: (0.07, 0.36, 0.86), 4: (0.07, 0.25, 0.5, 0.86)}.get(len(filled))
+    shares = {3: (0.07, 0.36, 0.83), 4: (0.07, 0.25, 0.5, 0.83)}.get(len(filled))
     shares = shares or tuple((n + 0.5) / len(filled) for n in range(len(filled)))
     return {
         name: (share * WIDTH_INCHES, height * (number + 0.5) / len(names))

@@ -155,21 +155,30 @@ def _describe_setup(setup: Setup) -> str:
 
 def _quantum_steps(events: Sequence[Event], network: NetworkFacts) -> Iterator[Step]:
     """Yield light as it travels, from its sending to its arrival, and what is done to it."""
-    names = {switch.name for switch in network.switches}
+    inside = {name for switch in network.switches for name in (switch.name, *switch.inner_devices)}
     landings = [event for event in events if event.kind == "arrive"]
+
+    def lane(event: Event) -> str:
+        return switches_lane(network) if event.node in inside else event.node
+
     for event in events:
-        lane = switches_lane(network) if event.node in names else event.node
         if event.kind == "send":
             landing = next((each for each in landings if _follows(event, each)), None)
             if landing is not None:
                 landings.remove(landing)
                 text = _count(event.photons, "photon") + _lost(landing)
-                yield Step(QUANTUM, lane, event.time_ns, text, landing.node, landing.time_ns)
+                if lane(landing) == lane(event):
+                    text = f"{event.node}→{landing.node} {text}"
+                    yield Step(QUANTUM, lane(event), event.time_ns, text)
+                else:
+                    ends = lane(landing), landing.time_ns
+                    yield Step(QUANTUM, lane(event), event.time_ns, text, *ends)
                 continue
         if event.kind != "arrive":
-            yield Step(QUANTUM, lane, event.time_ns, _describe_event(event, names))
+            yield Step(QUANTUM, lane(event), event.time_ns, _describe_event(event, inside))
     for event in landings:
-        yield Step(QUANTUM, event.node, event.time_ns, f"arrive {event.photons:,}{_lost(event)}")
+        text = f"arrive {event.photons:,}{_lost(event)}"
+        yield Step(QUANTUM, lane(event), event.time_ns, text)
 
 
 def _follows(sending: Event, landing: Event) -> bool:
@@ -184,13 +193,15 @@ def _lost(event: Event) -> str:
     return f", {event.lost:,} lost" if event.lost else ""
 
 
-def _describe_event(event: Event, switches: set[str]) -> str:
-    if event.node in switches:
+def _describe_event(event: Event, inside: set[str]) -> str:
+    """Describe what happened at a host, or inside a switch, of whose parts the name comes first."""
+    if event.kind in ("open", "close"):
         return f"{event.node} {event.kind} {event.detail.replace(' -> ', '→')}"
+    who = f"{event.node} " if event.node in inside else ""
     lost = "" if event.kind == "bell-measure" else _lost(event)  # there of one half alone
     counts = f" {event.photons:,}{lost}" if event.photons else ""
     outcomes = event.detail.partition(": ")[2] if event.kind == "bell-measure" else ""
-    return f"{event.kind}{counts}{' ' if outcomes else ''}{outcomes}"
+    return f"{who}{event.kind}{counts}{' ' if outcomes else ''}{outcomes}"
 
 
 def _openflow_steps(spoken: Sequence[Spoken], port: int, network: NetworkFacts) -> Iterator[Step]:

@@ -28,6 +28,7 @@ from views.report.sequence import (
     describe,
     handshake,
     lanes,
+    switches_lane,
     together,
 )
 from wire import typed_json
@@ -39,6 +40,23 @@ from wire.metadata.values import Envelope, Topic, Values
 from wire.results.run_result import NetworkFacts
 
 THERE = (ALICE, BOB)
+
+
+def test_what_happens_in_parts_of_a_switch_is_in_the_column_of_switches(tmp_path: Path) -> None:
+    switches = [replace(each, memories=1, analysers=1) for each in NETWORK.switches]
+    network = replace(NETWORK, switches=switches)
+    captures(tmp_path)
+    sent, stored = (event for event in events() if event.kind in ("send", "arrive"))
+    sent.node, sent.port, stored.node, stored.port = "q1-memory1", "61001", "q2-analyser1", "60001"
+    measured = next(event for event in events() if event.kind == "bell-measure")
+    measured.node = "q2-analyser1"
+    steps, _more = handshake(tmp_path, network, [sent, stored, measured], 6653)
+    inside = [(step.lane, step.to_lane, step.text) for step in steps if step.layer == QUANTUM]
+    column = switches_lane(network)
+    assert inside == [
+        (column, "", "q1-memory1→q2-analyser1 100 photons, 40 lost"),
+        (column, "", "q2-analyser1 bell-measure 100 Phi+=60"),
+    ]
 
 
 def test_a_message_leaves_one_host_and_reaches_the_other(tmp_path: Path) -> None:

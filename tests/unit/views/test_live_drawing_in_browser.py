@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from live_page import live, served
-from live_view_scene import BOX, box, light, opened, overlaps, place
+from live_view_scene import BOX, SESSION, box, light, opened, overlaps, place, tell
 from live_view_scene import chromium as chromium
 from live_view_scene import said as said
 from playwright.sync_api import Browser, expect
@@ -16,6 +16,27 @@ from recorded_run import NETWORK
 from views.live.layout import described
 from wire.config import QuantumSwitch
 from wire.parameters.fiber import Fiber, FiberEnd
+
+
+def test_light_from_a_source_in_a_switch_into_a_memory_of_another_is_drawn(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    view = live(tmp_path)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        tell(view, 1.0, "open", "q1", port="62001", detail="62001 -> 3")
+        tell(view, 1.0, "open", "q2", port="1", detail="1 -> 61002")
+        block = {"session": SESSION, "block": 1, "half": 0, "photons": 100}
+        tell(view, 1.0, "create", "q1-source1", **block)
+        tell(view, 1.0, "send", "q1-source1", port="62001", **block)
+        tell(view, 1.001, "arrive", "q2-memory2", port="61002", lost=40, **block)
+        row = ["q1-source1 → q2-memory2", "q2", "100", "40.0", "stands"]
+        expect(page.locator("#paths tbody td")).to_have_text(row)
+        expect(page.locator(".fiber.lit")).to_have_count(1)
+        expect(page.locator("#sessions tbody td").nth(2)).to_have_text("q1, q2")
+        tell(view, 1.1, "close", "q1", port="62001", detail="62001 -> 3")
+        expect(page.locator("#paths tbody td").last).to_have_text("closed")
+        page.close()
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -6,13 +6,25 @@ const LONG_S = 0.2; // of a block: its own rate is that of its light
 const GLOW_S = 1; // in which a light path that has closed is remembered: many last for milliseconds
 const LONGEST_FLIGHT_S = 60; // of a block; those of which nothing has been heard for longer are lost
 
+const PARTS = [[65280, ""], [63001, "memory", 1], [62001, "source", 2], [61001, "memory", 1], [60001, "analyser", 2]]; // first port, ports of each
+
+// The part of a switch that a port of it leads to, as "q1-memory2"; empty for a port where a fibre ends.
+export function part(port) {
+  const [node, number] = port.split(":"), [first, kind, each] = PARTS.find(([first]) => number >= first) ?? [];
+  return kind ? `${node}-${kind}${Math.floor((number - first) / each) + 1}` : "";
+}
+
+// Where light leaves or comes: the port of a host, or a part of a switch.
+const place = (m) => (m.port && part(`:${m.port}`) ? m.node : m.port);
+
 export function block(m) {
   return `${m.session} ${m.block}/${m.half}`;
 }
 
 export function send(state, m) {
-  if (m.port) state.flows.set(m.port, { photons: 0, lost: 0, buckets: [], took: 0, ...state.flows.get(m.port), t: m.t });
-  state.flights.set(block(m), { t: m.t, port: m.port });
+  const port = place(m);
+  if (port) state.flows.set(port, { photons: 0, lost: 0, buckets: [], took: 0, ...state.flows.get(port), t: m.t });
+  state.flights.set(block(m), { t: m.t, port });
   const made = state.made.get(`${m.session} ${m.block}`);
   if (made) made.sent = true;
 }
@@ -51,13 +63,14 @@ export function unknownSince(state) {
 }
 
 function flow(state, m, took) {
-  if (!m.port) return;
+  const port = place(m);
+  if (!port) return;
   const photons = m.photons ?? 0, lost = m.lost ?? 0, number = Math.floor(m.t / BUCKET_S);
-  const buckets = (state.flows.get(m.port)?.buckets ?? []).filter((each) => each.number > number - RATE_BUCKETS);
+  const buckets = (state.flows.get(port)?.buckets ?? []).filter((each) => each.number > number - RATE_BUCKETS);
   const last = buckets.at(-1);
   if (last?.number === number) last.photons += photons, last.lost += lost;
   else buckets.push({ number, photons, lost });
-  state.flows.set(m.port, { photons, lost, t: m.t, took, buckets });
+  state.flows.set(port, { photons, lost, t: m.t, took, buckets });
 }
 
 // Photons a second that come to a port, or were to come, and the part that was lost: of the last

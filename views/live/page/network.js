@@ -1,6 +1,6 @@
 // The drawing of the network: nodes, copper, fibres; light and photons where they are.
 
-import { rate, sending, wayFrom } from "./light.js";
+import { part, rate, sending, wayFrom } from "./light.js";
 import { around, Taken } from "./layout.js";
 import { end } from "./state.js";
 
@@ -9,6 +9,7 @@ const NODE = { width: 92, height: 44 };
 const TURNED = { x: 116 / 90, y: 0.36 }; // columns as rows: of what was between nodes of one, and between them
 const LEAST_PX = 224, MOST_PX = 576, MOST_SHARE = 0.6; // height of the drawing, and of the window
 const READABLE = 0.6; // px of the screen for one of the drawing: names in boxes are still read
+const SMALL_LETTER_PX = 5.4; // of what a fibre's label says
 const DOT_PX = 7, LETTER_PX = 7.2, LINE_PX = 15; // of a map: dots, and names of them
 const BESIDE = 12; // between fibres of the same two nodes
 const FLOWS_S = 0.5; // after photons were seen somewhere they are shown as moving
@@ -86,7 +87,8 @@ export class Drawing {
     const group = make("g", { class: "fiber", tabindex: 0, role: "button", "aria-label": text },
       make("title", {}, text), line("near", ...ends), line("seen", ...ends), photons,
       make("text", { class: "small flow", y: beside, transform: `translate(${x} ${y}) rotate(${turn})` }));
-    group.label = { x, y, turn };
+    const room = Math.hypot(ends[1].x - ends[0].x, ends[1].y - ends[0].y) - NODE.height;
+    group.label = { x, y, turn, room };
     chooses(group, () => choose({ kind: "fiber", name: fiber.name, fiber }));
     group.dataset.keys = keys.join(" ");
     group.photons = photons;
@@ -130,7 +132,8 @@ export class Drawing {
           if (!STILL.matches) element.photons.style.strokeDashoffset = light.back ? shift : -shift;
         }
       }
-      if (numbers || !light) write(element.lastChild, light?.label ?? "");
+      const text = light?.label ?? "", fits = this.map || SMALL_LETTER_PX * text.length < element.label.room;
+      if (numbers || !light) write(element.lastChild, fits ? text : "");
       if (keys.some((key) => state.cut.has(key))) classes.push("cut");
       if (keys.some((key) => state.tapped.get(key)) || fiber.ends.some(([node]) => state.eve[node])) classes.push("tapped");
       if (numbers) speak(element, SPOKEN.filter(([kind]) => classes.includes(kind)));
@@ -152,14 +155,16 @@ export class Drawing {
 
   // Light paths that stand, or did until just now: from where to where, by which fibres and switches.
   paths(state) {
-    const found = [];
-    for (const [begin] of this.fibers) {
-      const hops = begin.includes(":") ? null : this.follow(begin, state);
-      if (!hops) continue;
-      const stands = hops.every(({ to }) => !to.includes(":") || state.ways.has(to)), last = hops.at(-1).to;
-      const by = hops.slice(0, -1).map(({ to }) => to.split(":")[0]);
-      const [from, to] = [begin, last].map((port) => this.fibers.get(port).node);
-      found.push({ begin, end: last, from, to, by, hops, stands, ...rate(state, last) });
+    const found = [], inside = new Set([...state.ways.keys(), ...state.closed.keys()].filter(part));
+    for (const port of [...this.fibers.keys()].filter((each) => !each.includes(":")).concat(...inside)) {
+      const hops = this.follow(inside.has(port) ? `${port.split(":")[0]}:${wayFrom(state, port)}` : port, state);
+      if (!hops.length) continue;
+      const stands = [port, ...hops.map(({ to }) => to)].every((each) => !each.includes(":") || state.ways.has(each));
+      const last = hops.at(-1).to, ended = last.includes(":");
+      const begin = part(port) || port, finish = ended ? part(`${last.split(":")[0]}:${wayFrom(state, last)}`) : last;
+      const by = hops.slice(0, ended ? hops.length : -1).map(({ to }) => to.split(":")[0]);
+      const [from, to] = [begin, finish].map((name) => this.fibers.get(name)?.node ?? name);
+      found.push({ begin, end: finish, from, to, by, hops, stands, ...rate(state, finish) });
     }
     return found;
   }
@@ -185,6 +190,7 @@ export class Drawing {
     return this.network.fibers.map((fiber) => ({ name: fiber.name, fraction: fractionOf(fiber) })).filter(({ fraction }) => fraction);
   }
 
+  // The fibres from a port to a host or into a part of a switch; none where light ends elsewhere.
   follow(begin, state) {
     const hops = [], seen = new Set();
     for (let at = begin; this.fibers.has(at) && !seen.has(at);) {
@@ -193,10 +199,11 @@ export class Drawing {
       hops.push({ fiber, from: at, to: far });
       if (!far.includes(":")) return hops;
       const way = wayFrom(state, far);
-      if (way === undefined) return null;
+      if (way === undefined) return [];
       at = `${far.split(":")[0]}:${way}`;
+      if (part(at)) return hops;
     }
-    return null;
+    return [];
   }
 
   // Show all of it, in the direction in which it is larger; the drawing is as high as it needs.

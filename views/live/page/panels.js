@@ -53,6 +53,7 @@ function estimate({ value, low, high }, digits, factor = 1) {
   return `${text(value)} (${text(low)} to ${text(high)})`;
 }
 
+const OF_SWITCH = /-(memory|source|analyser)\d+$/; // a part: its switch is enough
 const unknown = (each) => (each.over ? "not measured" : "not yet known");
 
 // What is known of how good a session's pairs are; S tells that, too.
@@ -79,7 +80,7 @@ export function sessions(at, state) {
       // Of blocks that have come: a block that is on its way is counted when it was made.
       const [made, began] = each.came ? [each.came, each.began] : [each.pairs, each.since];
       const known = each.told.from ? each.told : each.asked;
-      const ends = known.from ? `${known.from} → ${known.to}` : [...each.nodes].join(", ");
+      const ends = known.from ? `${known.from} → ${known.to}` : [...new Set([...each.nodes].map((name) => name.replace(OF_SWITCH, "")))].join(", ");
       const arrived = each.arrived - each.lost;
       return [
         element("td", each.id.slice(-6)), plain(known.service ?? "-"), ends, each.says || "-", each.setup_ms?.toFixed(1) ?? "-", count(each.pairs),

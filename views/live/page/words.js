@@ -6,6 +6,7 @@ const UNITS = [
 ];
 const SCALES = [[1e12, "THz"], [1e9, "GHz"], [1e6, "MHz"], [1e3, "kHz"], [1, "Hz"]];
 
+const MOST_PATHS = 4; // of a session, in words: a chain of switches has a path for each half of each pair
 export const reasons = {}; // why the controller has refused, by name
 
 export const plain = (text) => String(text).replaceAll("_", " ");
@@ -43,7 +44,9 @@ const who = (m) => (m.from ? `${m.from} → ${m.to}, ${plain(m.service)}` : m.se
 const about = (m) => (m.session ? `session ${m.session.slice(-6)}` : "");
 
 function light(paths) {
-  return "light of least loss: " + paths.map(({ begin, end, by, loss_db }) => `${begin} → ${end} by ${by.join(", ")} (${digits(loss_db)} dB)`).join(" and ");
+  const shown = paths.slice(0, MOST_PATHS).map(({ begin, end, by, loss_db }) => `${begin} → ${end} by ${by.join(", ")} (${digits(loss_db)} dB)`);
+  if (paths.length > MOST_PATHS) shown.push(`${paths.length - MOST_PATHS} more`);
+  return "light of least loss: " + shown.join(" and ");
 }
 
 // Which quantum switches have seen the set-up themselves by then.
