@@ -106,8 +106,8 @@ def _numbers(figures: Figures) -> dict[str, str]:
         }
     numbers = {n: number_text(value) for n, value in vars(figures).items() if n in MAIN}
     low, high = numbers.pop("fidelity_low", None), numbers.pop("fidelity_high", None)
-    if error := numbers.pop("fidelity_error", None):
-        numbers["fidelity"] += f" ± {error}"
+    if numbers.pop("fidelity_error", None):
+        numbers["fidelity"] += f" ± {vars(figures)['fidelity_error']:.1g}"
     elif low and high and vars(figures)["fidelity"] is not None:
         numbers["fidelity"] += f" ({low} to {high})"
     return {_label(name): text for name, text in numbers.items()}

@@ -11,11 +11,27 @@ from live_view_scene import BOX, SESSION, box, light, opened, overlaps, place, t
 from live_view_scene import chromium as chromium
 from live_view_scene import said as said
 from playwright.sync_api import Browser, expect
-from recorded_run import NETWORK
+from recorded_run import NETWORK, START_NS
 
 from views.live.layout import described
 from wire.config import QuantumSwitch
 from wire.parameters.fiber import Fiber, FiberEnd
+
+
+def test_the_fidelity_of_a_short_run_is_that_of_its_program(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    """Of a standard error the interval of 95 % is 1.96 to either side."""
+    view = live(tmp_path)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        asked = {"event": "granted", "session": SESSION, "from": "alice", "to": "bob"}
+        view.timeline.add("controller", START_NS + 10**9, {**asked, "service": "teleport"})
+        done = {"event": "done", "fidelity": 0.962, "fidelity_error": 0.005}
+        view.timeline.add("job", START_NS + 2 * 10**9, done)
+        fidelity = page.locator("#sessions tbody td").nth(10)
+        expect(fidelity).to_have_text("0.9620 (0.9522 to 0.9718)")
+        page.close()
 
 
 def test_light_from_a_source_in_a_switch_into_a_memory_of_another_is_drawn(

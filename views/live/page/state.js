@@ -8,6 +8,7 @@ const GATHERED = /(\d+) of \d+ of (\d+\/\d+)/g;
 const STORED = ", still stored", LET_GO = ", the rest let go";
 const OUTCOME = /(?:Phi|Psi)[+-]=(\d+)/g;
 const TAPPED = /^tapped (\S+)/, LIT = /^classical light (\S+)/;
+const STANDARD_ERRORS = 1.96; // of an interval of 95 %
 const MOST_DECISIONS = 300, MOST_SESSIONS = 300;
 const ENDED = new Set(["torn_down", "refused", "forbidden"]);
 
@@ -213,6 +214,14 @@ function job(state, m) {
   const { t, what, ...rest } = m;
   state.job = rest.event === "failed" ? { ...state.job, ...rest } : rest;
   note(state, m);
+  // A short run is over before its hosts report: the program's figure is of its one session.
+  const own = [...state.sessions.values()].find((each) => each.asked.service);
+  if (own && typeof m.fidelity === "number") own.estimates.fidelity = fidelity(m);
+}
+
+function fidelity(m) {
+  const half = STANDARD_ERRORS * (m.fidelity_error ?? 0);
+  return { value: m.fidelity, low: m.fidelity_low ?? m.fidelity - half, high: m.fidelity_high ?? m.fidelity + half };
 }
 
 function fault(state, m) {
