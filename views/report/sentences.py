@@ -104,4 +104,12 @@ def _of_states(result: RunResult) -> str:
         case {"states": states, "hosts": hosts, "fidelity": float(mean), "fidelity_error": error}:
             bounds = max(mean - NORMAL_95 * error, 0.0), min(mean + NORMAL_95 * error, 1.0)
             return f"{states:,} states of {hosts} hosts, with fidelity {interval(mean, *bounds)}"
+        case {"states": states, "hosts": hosts, "fidelity_at_least": float(least)}:
+            return f"{states:,} states of {hosts} hosts, with fidelity at least {least:.3f}"
+        case {"key_bits": bits, "hosts": hosts, "qber_x": x, "qber_z": [*z]}:
+            rates = f"QBER {100 * x:.1f} % in X, at most {100 * max(z):.1f} % in Z"
+            return f"{bits:,} bits of secret key of {hosts} hosts, {rates}"
+        case {"hosts": hosts, "sum_rad": float(phases), "sum_error_rad": float(error)}:
+            bounds = phases - NORMAL_95 * error, phases + NORMAL_95 * error
+            return f"The phases at {hosts} hosts add up to {interval(phases, *bounds)} rad"
     return ""

@@ -12,6 +12,9 @@ from urllib.parse import unquote
 import pytest
 from recorded_run import ALICE, BOB, MS, NETWORK, SETUP, capture, record_run, run_of, segment
 
+from applications.conference.service import ConferenceFigures
+from applications.graph_states.service import GraphFigures
+from applications.sensing.service import SensingFigures
 from views.report import report_file
 from views.report.error_counts import reported
 from views.report.figures import _error_rates, _losses, key_distribution_figures
@@ -130,6 +133,38 @@ def test_a_run_without_a_key_says_why(qber: float | None, error: str | None, ver
     result = run_of("bb84", ServiceJob(asking=figures_of_keys), time_scale=1.0)
     result.error = error
     assert sentence(result) == verdict
+
+
+@pytest.mark.parametrize(
+    ("service", "kind", "known", "words"),
+    [
+        (
+            "conference",
+            ConferenceFigures,
+            {"key_bits": 73_873, "qber_x": 0.02, "qber_z": [0.01, 0.03]},
+            "73,873 bits of secret key of 3 hosts, QBER 2.0 % in X, at most 3.0 % in Z",
+        ),
+        (
+            "graph",
+            GraphFigures,
+            {"states": 1000, "fidelity_at_least": 0.9},
+            "1,000 states of 3 hosts, with fidelity at least 0.900",
+        ),
+        (
+            "sense",
+            SensingFigures,
+            {"sum_rad": 0.3, "sum_error_rad": 0.01},
+            "The phases at 3 hosts add up to 0.300 (0.280 to 0.320) rad",
+        ),
+    ],
+)
+def test_a_run_of_several_hosts_says_what_they_share(
+    service: str, kind: Any, known: dict[str, Any], words: str
+) -> None:
+    counts = dict.fromkeys((each.name for each in fields(kind)), None)
+    result = run_of(service, ServiceJob(asking=kind(**counts | known | {"hosts": 3})), time_scale=1)
+    result.delivered = True
+    assert sentence(result) == words
 
 
 def test_a_key_session_is_drawn_key_by_key() -> None:
