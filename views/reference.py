@@ -7,6 +7,7 @@ import argparse
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import MISSING, Field, fields
+from math import inf
 from typing import Any
 
 from qmn.__main__ import described
@@ -16,7 +17,7 @@ from views.comments import dataclasses_in, meaning
 from views.completion import help_parsers
 from wire.parameters.fiber import FiberOptics
 from wire.parameters.option import unit_of
-from wire.parameters.physics import Device
+from wire.parameters.physics import IDEAL, Device
 from wire.parameters.switch import QuantumSwitch
 
 INTRODUCTION = """# All options
@@ -24,11 +25,12 @@ INTRODUCTION = """# All options
     qmn run sdc --length-km 25 --device bob.detectors.efficiency=0.8
 
 This page is made from the declarations in the program: each verb with its options, each setting of
-a device, and each field of `result.json`, with unit, default, range and meaning. Where a number
-comes from, the pages of [Physics](physical-layer.md) say."""
+a device, and each field of `result.json`, with unit, default, range and meaning. The source of a
+setting is where its default comes from: *ideal* loses nothing and makes no error, and no
+publication states *our choice*. Values of [kinds of hosts](nodes.md) have theirs there."""
 SHARED_BY = 3  # verbs at least, of an option that stands above them
 OPTIONS = ("option", "unit", "default", "range", "meaning")
-SETTINGS = ("setting", "unit", "default", "range", "meaning")
+SETTINGS = ("setting", "unit", "default", "range", "source", "meaning")
 FIELDS = ("field", "unit", "type", "always there", "meaning")
 OF_NO_RANGE = ("bell_diagonal", "decoys", "noise", "noise_parameters")
 OF_FIBERS = {each.name: each for each in fields(FiberOptics)}  # which are options, too
@@ -95,6 +97,7 @@ def settings(title: str, kind: Any) -> str:
             unit_of(each.name),
             default_of(each),
             declared_range(each),
+            source_of(each),
             meaning(kind, each.name),
         )
         for each in fields(kind)
@@ -105,6 +108,14 @@ def settings(title: str, kind: Any) -> str:
 
 def default_of(field: "Field[Any]") -> str:
     return "" if field.default in (MISSING, None) else f"{field.default}"
+
+
+def source_of(field: "Field[Any]") -> str:
+    """Return where the default of a setting comes from; "" if it is not ideal and names none."""
+    without_effect = (MISSING, None, "", "none", "ideal", 0, inf)
+    one = field.default == 1 and not unit_of(field.name)
+    ideal = field.default in without_effect or one
+    return field.metadata.get("source") or (IDEAL if ideal else "")
 
 
 def declared_range(field: "Field[Any]") -> str:

@@ -8,7 +8,7 @@ from typing import Any, Self
 
 from wire.optical import CHANNEL_MHZ, DEFAULT_FREQUENCY_MHZ
 from wire.parameters.checks import check_names
-from wire.parameters.physics import SUM_TOLERANCE, BadParameter, check, choice, parameter
+from wire.parameters.physics import OURS, SUM_TOLERANCE, BadParameter, check, choice, parameter
 from wire.registered import NOISE, registered
 
 SPEED_IN_FIBER_M_PER_S = 2.04e8  # group index 1.468
@@ -16,6 +16,9 @@ COMPENSATED = "compensated"  # birefringence
 MOST_CHANNELS = 64
 HIGHEST_CHANNEL_MHZ = 196_100_000  # of the C band
 MHZ_PER_GHZ = 1_000
+GRID = "ITU-T G.694.1"
+THERMAL = "40 ps/(km K): Slavik et al., Scientific Reports 5, 15447 (2015)"
+RAMAN = "Eraerds et al., New Journal of Physics 12, 063027 (2010)"
 
 # Values of kinds of fibre at 1550 nm. The standard fibre loses least and turns the
 # polarisation as it likes; the polarisation-maintaining (PM) one keeps it, and loses more.
@@ -52,7 +55,7 @@ class FiberOptics:
     """The parameters of a fibre, alike in both directions; the formulas are in dispatcher/."""
 
     kind: str = choice(*KINDS)
-    length_km: float = parameter(0.01, 0.0, 20_000.0)  # 98 ms; a switch remembers 60 s
+    length_km: float = parameter(0.01, 0.0, 20_000.0, source=OURS)  # at most 98 ms
     loss_db_per_km: float = parameter(0.0, 0.0, 1_000.0)
     connectors_db: float = parameter(0.0, 0.0, 100.0)  # of all connectors and splices together
     depolarizing: float = parameter(0.0, 0.0, 1.0)  # probability p: X, Y and Z each with p/4
@@ -63,39 +66,39 @@ class FiberOptics:
     # Birefringence turns the polarisation about any axis: rms angle, growing as the root of the
     # length, and how long it lasts. Qubits of other encodings do not see it.
     polarization_drift_rad_per_sqrt_km: float = parameter(0.0, 0.0, 100.0)
-    polarization_drift_time_s: float = parameter(100.0, 1e-9, 1e9)
+    polarization_drift_time_s: float = parameter(100.0, 1e-9, 1e9, source=OURS)
     # Passively, as by a Faraday mirror: light that is compensated keeps its polarisation.
-    birefringence: str = choice("drifts", COMPENSATED)
+    birefringence: str = choice("drifts", COMPENSATED, source=OURS)
     # Of two polarisations one is lost more, by so much, or comes later, by so much on average; the
     # axis is any, and which is later changes within the same time.
     pdl_db: float = parameter(0.0, 0.0, 100.0)
     pmd_ps_per_sqrt_km: float = parameter(0.0, 0.0, 1_000.0)
     # The same of the phase between time bins, a turn about Z.
     phase_drift_rad_per_sqrt_km: float = parameter(0.0, 0.0, 100.0)
-    phase_drift_time_s: float = parameter(100.0, 1e-9, 1e9)
+    phase_drift_time_s: float = parameter(100.0, 1e-9, 1e9, source=OURS)
     # Chromatic dispersion: how much later light of a longer wavelength comes.
     dispersion_ps_per_nm_km: float = parameter(0.0, -1_000.0, 1_000.0)
     # Bursts: depolarising while the fibre is in its bad state, and how often it changes.
     burst_depolarizing: float = parameter(0.0, 0.0, 1.0)
-    burst_start_hz: float = parameter(1.0, 0.0, 1e12)  # from good to bad
-    burst_end_hz: float = parameter(1_000.0, 0.0, 1e12)  # from bad to good
+    burst_start_hz: float = parameter(1.0, 0.0, 1e12, source=OURS)  # from good to bad
+    burst_end_hz: float = parameter(1_000.0, 0.0, 1e12, source=OURS)  # from bad to good
     # Temperature since the last calibration: a slope and a random walk; what it does to the delay.
     temperature_slope_k_per_s: float = parameter(0.0, -10.0, 10.0)
     temperature_walk_k_per_sqrt_s: float = parameter(0.0, 0.0, 10.0)
-    thermal_ppm_per_k: float = parameter(8.2, 0.0, 1_000.0)
+    thermal_ppm_per_k: float = parameter(8.2, 0.0, 1_000.0, source=THERMAL)
     # Light of classical traffic: launched power, its attenuation (None: that of the photons),
     # which way it goes, and what it scatters into a filter around the photons.
     classical_mw: float = parameter(0.0, 0.0, 1_000.0)
     classical_db_per_km: float | None = parameter(None, 0.0, 1_000.0)
-    classical_way: str = choice("along", "against")
-    raman_per_km_nm: float = parameter(2e-9, 0.0, 1e-3)
-    filter_nm: float = parameter(0.4, 0.0, 100.0)  # about 50 GHz
-    filter_center_nm: float = parameter(1550.12, 200.0, 5_000.0)  # 193.4 THz
-    pulse_window_s: float = parameter(1e-9, 0.0, 1e-3)
+    classical_way: str = choice("along", "against", source=OURS)
+    raman_per_km_nm: float = parameter(2e-9, 0.0, 1e-3, source=RAMAN)
+    filter_nm: float = parameter(0.4, 0.0, 100.0, source=f"{GRID}: 50 GHz")
+    filter_center_nm: float = parameter(1550.12, 200.0, 5_000.0, source=f"{GRID}: 193.4 THz")
+    pulse_window_s: float = parameter(1e-9, 0.0, 1e-3, source=OURS)
     # Channels by wavelength, behind a multiplexer at either end; 1: a fibre without multiplexers.
     # Channel 1 is at 193.4 THz (1550.12 nm), each further one so much higher.
     channels: int = parameter(1, 1, MOST_CHANNELS)
-    grid_ghz: float = parameter(100.0, 12.5, 1_000.0)
+    grid_ghz: float = parameter(100.0, 12.5, 1_000.0, source=GRID)
     multiplexer_db: float = parameter(0.0, 0.0, 100.0)  # of both multiplexers together
     # Of light in a channel so much comes out in each neighbouring one; None: nothing.
     channel_crosstalk_db: float | None = parameter(None, 3.1, 200.0)
@@ -133,11 +136,6 @@ class FiberOptics:
             values = f"pauli_x {self.pauli_x!r}, pauli_y {self.pauli_y!r}, pauli_z {self.pauli_z!r}"
             raise BadParameter(f"{where}: {values} are together more than 1")
         self._check_channels(where)
-        if not isinstance(self.noise, str) or not isinstance(self.noise_parameters, dict):
-            raise BadParameter(
-                f'{where}: noise {self.noise!r} is not "file.py:ClassName" with a dictionary of '
-                f"noise_parameters {self.noise_parameters!r}"
-            )
         named = self.noise in registered(NOISE) or all(self.noise.rpartition(":"))
         if self.noise and not named:
             raise BadParameter(f'{where}: noise {self.noise!r} is not "file.py:ClassName"')
@@ -163,9 +161,8 @@ class Fiber(FiberOptics):
     a: FiberEnd
     b: FiberEnd
     channel: int = field(default=1, kw_only=True)
-    strand: str = field(
-        default="", kw_only=True
-    )  # names the fibre that a channel is of, the same for all of its channels
+    # Names the fibre that a channel is of, the same for all of its channels.
+    strand: str = field(default="", kw_only=True)
 
     @classmethod
     def joining(

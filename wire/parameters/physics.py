@@ -33,22 +33,22 @@ RETARDERS = (0, 3, 4)
 INTERVALS = (1e-3, 1e9)  # s, between looks of a compensator
 REFERENCES = ("multiplexed", INTERRUPTING)  # light that a compensator looks at
 SUM_TOLERANCE = 1e-9  # by which probabilities may miss 1
+# Sources of defaults; 0, infinity, none, and 1 without a unit are ideal and need none.
+IDEAL, OURS, PAPER = "ideal", "our choice", "arXiv:1604.01276"
 
 
 class BadParameter(ValueError):
     """A parameter that cannot be; the message names where, which, its value and its range."""
 
 
-def parameter(default: Any, least: float, most: float, meaning: str = "") -> Any:
-    """Return a dataclass field with the range of its values, and their meaning if it is given.
-
-    NaN is in no range.
-    """
-    return field(default=default, metadata={"range": (least, most), "meaning": meaning})
+def parameter(default: Any, least: float, most: float, meaning: str = "", source: str = "") -> Any:
+    """Return a field with the range of its values, never NaN, and its default's source."""
+    metadata = {"range": (least, most), "meaning": meaning, "source": source}
+    return field(default=default, metadata=metadata)
 
 
-def choice(default: str, *others: str) -> Any:
-    return field(default=default, metadata={"choices": (default, *others)})
+def choice(default: str, *others: str, source: str = "") -> Any:
+    return field(default=default, metadata={"choices": (default, *others), "source": source})
 
 
 def check(where: str, parameters: Any) -> None:
@@ -80,14 +80,14 @@ class PairSource:
     """A source of Bell pairs: one pair a pulse and Phi+ by default."""
 
     # Of the pairs in a pulse; none: the host has no source.
-    statistics: str = choice("single", "poisson", "thermal", "none")
+    statistics: str = choice("single", "poisson", "thermal", "none", source=IDEAL)
     mean_pairs: float = parameter(1.0, 0.0, 10.0)  # a pulse, if not single
     fidelity: float = parameter(1.0, 0.25, 1.0)  # Werner: the other Bell states alike
     # Instead of fidelity: the probabilities of Phi+, Psi+, Phi- and Psi-.
     bell_diagonal: tuple[float, ...] | None = None
     jitter_ps: float = parameter(0.0, 0.0, 1e9)  # rms, of the moment of emission
-    max_rate_hz: float = parameter(4e9, 1.0, 1e12)  # pulses; more are refused
-    encoding: str = choice(*ENCODINGS)  # of its qubits in light
+    max_rate_hz: float = parameter(4e9, 1.0, 1e12, source=OURS)  # pulses; more are refused
+    encoding: str = choice(*ENCODINGS, source=PAPER)  # of its qubits in light
     bandwidth_nm: float = parameter(0.0, 0.0, 100.0)  # rms of its spectrum, which fibres disperse
     # Of a single source: second-order coherence at no delay. A pulse has two photons with the p of
     # g2 = 2 p / (1 + p)^2, else one.
@@ -187,23 +187,22 @@ class Memory:
     t1_s: float = parameter(float("inf"), 1e-12, float("inf"))
     t2_s: float = parameter(float("inf"), 1e-12, float("inf"))  # at most 2 T1
     # Where T2 > T1: approximate relaxation by Paulis, or follow it in state vectors (small blocks).
-    damping: str = choice("twirl", "dense")
+    damping: str = choice("twirl", "dense", source=OURS)
     efficiency: float = parameter(1.0, 0.0, 1.0)  # of storing and reading together
     # A plain depolarising memory: with 1 - e^(-t / this) a qubit is replaced by noise.
     depolarizing_s: float = parameter(float("inf"), 1e-12, float("inf"))
-    retrieval_s: float = parameter(
-        float("inf"), 1e-12, float("inf")
-    )  # efficiency falls e^(-t/this)
+    # The efficiency falls by e^(-t/this).
+    retrieval_s: float = parameter(float("inf"), 1e-12, float("inf"))
     # Of light that comes: how likely the memory tells of a photon that it has taken in, and of one
     # where none came.
     herald_efficiency: float = parameter(1.0, 0.0, 1.0)
     false_herald: float = parameter(0.0, 0.0, 1.0)
     # An emissive one keeps qubits that emit, or halves of its host's own pairs, but no light that
     # comes from elsewhere.
-    kind: str = choice("absorptive", "emissive")
+    kind: str = choice("absorptive", "emissive", source=IDEAL)
     # Older qubits are dropped; a request to store may give another time.
     cutoff_s: float = parameter(float("inf"), 1e-9, float("inf"))
-    capacity: int = parameter(4_000_000, 0, 4_000_000)  # qubits
+    capacity: int = parameter(4_000_000, 0, 4_000_000, source=OURS)  # qubits
 
     # "path/to/file.py:ClassName" of a noise model of one's own, and keywords for it.
     noise: str = ""
@@ -246,7 +245,7 @@ class Gates:
     """
 
     # any: all gates, also between two qubits; paulis: modulators, which do Pauli operators alone.
-    kind: str = choice("any", "paulis")
+    kind: str = choice("any", "paulis", source=IDEAL)
     one_qubit_depolarizing: float = parameter(0.0, 0.0, 1.0)  # by each gate but the identity
     two_qubit_depolarizing: float = parameter(0.0, 0.0, 1.0)
     # How long it takes, for all qubits of a block at a time; the others decohere meanwhile.
@@ -275,12 +274,12 @@ class Detectors:
 
     efficiency: float = parameter(1.0, 0.0, 1.0)
     dark_count_hz: float = parameter(0.0, 0.0, 1e9)
-    gate_s: float = parameter(1e-9, 0.0, 1e-3)  # how long a detector looks for one photon
+    gate_s: float = parameter(1e-9, 0.0, 1e-3, source=OURS)  # how long it looks for one photon
     dead_time_s: float = parameter(0.0, 0.0, 1.0)  # not extended by light that comes meanwhile
     afterpulse_probability: float = parameter(0.0, 0.0, 1.0)  # of a click, once
-    afterpulse_s: float = parameter(1e-7, 1e-12, 1.0)  # mean delay, exponential
+    afterpulse_s: float = parameter(1e-7, 1e-12, 1.0, source=OURS)  # mean delay, exponential
     jitter_ps: float = parameter(0.0, 0.0, 1e9)  # rms
-    encoding: str = choice(*ENCODINGS)  # of the qubits that they tell, also for a Bell analyser
+    encoding: str = choice(*ENCODINGS, source=PAPER)  # of qubits that they, or analysers, measure
     efficiency_mismatch: float = parameter(0.0, 0.0, 1.0)  # that of 1 has so much less of it
     readout_error: float = parameter(0.0, 0.0, 0.5)  # of light: the reported bit is the other one
     # Of the host's clock, by which clicks are tagged: ahead by this at the start, faster by, rms.
@@ -305,15 +304,15 @@ class BellAnalyser:
     # there are 4 outcomes, nothing interferes, and the rest of this part does not matter;
     # beam-splitter: one, with four detectors behind it, which tell Psi+ and Psi- alone: all photons
     # of both pulses interfere, as those of lasers do.
-    kind: str = choice(*ANALYSERS)
+    kind: str = choice(*ANALYSERS, source="arXiv:1609.00713")
     visibility: float = parameter(1.0, 0.0, 1.0)  # V0: of Hong-Ou-Mandel interference at best
     # Of a filter, rms of the spectral intensity; 0: none, photons are as wide as their sources say.
     bandwidth_rad_per_s: float = parameter(0.0, 0.0, 1e15)
-    coincidence_window_s: float = parameter(1e-6, 1e-12, 1.0)
+    coincidence_window_s: float = parameter(1e-6, 1e-12, 1.0, source=OURS)
     # The delay line in which light waits whose way was the shorter, where it matters: the longest
-    # that there is, 0 without any, and its loss. Standard fibre has .2 dB/km.
-    delay_line_km: float = parameter(2_000.0, 0.0, 20_000.0)
-    delay_line_db_per_km: float = parameter(0.2, 0.0, 1_000.0)
+    # that there is, 0 without any, and its loss.
+    delay_line_km: float = parameter(2_000.0, 0.0, 20_000.0, source=OURS)
+    delay_line_db_per_km: float = parameter(0.2, 0.0, 1_000.0, source="ITU-T G.652.D")
 
     def check(self, where: str) -> None:
         check(where, self)
@@ -330,7 +329,7 @@ class Emitter:
     # 060310); single-click: it does so or not (Cabrillo et al., Phys. Rev. A 59, 1025).
     scheme: str = choice(*SCHEMES)
     efficiency: float = parameter(1.0, 0.0, 1.0)  # of an attempt: its photon is in the fibre
-    bright_state: float = parameter(0.05, 0.0, 1.0)  # single-click: alpha, how likely it emits
+    bright_state: float = parameter(0.05, 0.0, 1.0, source=OURS)  # chance to emit (single-click)
     fidelity: float = parameter(1.0, 0.25, 1.0)  # of qubit and photon; the other Bell states alike
     phase_rad: float = parameter(0.0, 0.0, 10.0)  # single-click: rms error of the light's phase
     preparation_s: float = parameter(0.0, 0.0, 10.0)  # of the qubits, before each attempt
@@ -359,14 +358,14 @@ class Compensator:
     """
 
     retarders: int = parameter(0, 0, 4)  # none, 3 or 4
-    range_rad: float = parameter(2 * math.pi, 0.0, 1e3)  # retardance of each, from 0
+    range_rad: float = parameter(2 * math.pi, 0.0, 1e3, source="three make any turn")
     speed_rad_per_s: float = parameter(float("inf"), 1e-6, float("inf"))  # of each retardance
     insertion_loss_db: float = parameter(0.0, 0.0, 100.0)  # of all light that enters the host
     error_rad: float = parameter(0.0, 0.0, 10.0)  # rms turn that a look is wrong by
-    every_s: float = parameter(60.0, *INTERVALS)  # between looks, unless the controller sets it
+    every_s: float = parameter(60.0, *INTERVALS, source=OURS)  # between looks, unless set elsewhere
     # multiplexed: a share of the pulses is reference light, and data goes on;
     # interrupting: light is lost while the reference is measured and the retarders move.
-    reference: str = choice(*REFERENCES)
+    reference: str = choice(*REFERENCES, source=OURS)
     reference_share: float = parameter(0.0, 0.0, 1.0)  # of the pulses, if it is multiplexed
     measuring_s: float = parameter(0.0, 0.0, 1e6)  # of a look, before the retarders move
 

@@ -11,6 +11,8 @@ from typing import NamedTuple
 from wire.features import EMIT, HERALD
 from wire.outcomes import PAULIS
 from wire.parameters.physics import (
+    OURS,
+    PAPER,
     BadParameter,
     BellAnalyser,
     Detectors,
@@ -26,6 +28,7 @@ from wire.parameters.physics import (
 TEMPERATURE_C = (-100.0, 300.0)
 LOSS_DB = (0.0, 100.0)
 FREQUENCY_MHZ = (1, 2**32 - 1)
+GRID, C_BAND = "ITU-T G.694.1", "ITU-T G.694.1: 96 channels"
 ROTATIONS = (0, len(PAULIS) - 1, ", ".join(PAULIS))
 # OpenFlow numbers of ports inside a switch, where no fibre ends.
 FIRST_INNER_PORT, FIRST_MEMORY_PORT, FIRST_SOURCE_PORT = 60_001, 61_001, 62_001
@@ -81,7 +84,7 @@ class QuantumSwitch:
     """
 
     name: str
-    switching_time_s: float = parameter(100e-9, 0.0, 60.0)
+    switching_time_s: float = parameter(100e-9, 0.0, 60.0, source=PAPER)
     insertion_loss_db: float = parameter(0.0, *LOSS_DB)
     rotation: int = parameter(0, *ROTATIONS)  # wire.outcomes.Pauli that every path applies
     # Of what leaves it, X, Y and Z each with p/4.
@@ -89,13 +92,13 @@ class QuantumSwitch:
     paths: list[PathOptics] = field(default_factory=list)  # that differ from the rest
     # None: none; else a photon strays with 10^(-dB/10), into an output in use or a dark port.
     crosstalk_db: float | None = parameter(None, *LOSS_DB)
-    temperature_c: float = parameter(25.0, *TEMPERATURE_C)
-    max_temperature_c: float = parameter(60.0, *TEMPERATURE_C)
-    hot_loss_db: float = parameter(3.0, *LOSS_DB)  # more on every path while it is hotter than that
-    min_frequency_mhz: int = parameter(191_350_000, *FREQUENCY_MHZ)  # C band
-    max_frequency_mhz: int = parameter(196_100_000, *FREQUENCY_MHZ)
-    grid_mhz: int = parameter(50_000, *FREQUENCY_MHZ)
-    min_power_dbm: float = parameter(-20.0, -100.0, 0.0)
+    temperature_c: float = parameter(25.0, *TEMPERATURE_C, source=OURS)
+    max_temperature_c: float = parameter(60.0, *TEMPERATURE_C, source=OURS)
+    hot_loss_db: float = parameter(3.0, *LOSS_DB, source=OURS)  # more, while it is hotter than that
+    min_frequency_mhz: int = parameter(191_350_000, *FREQUENCY_MHZ, source=C_BAND)
+    max_frequency_mhz: int = parameter(196_100_000, *FREQUENCY_MHZ, source=C_BAND)
+    grid_mhz: int = parameter(50_000, *FREQUENCY_MHZ, source=GRID)
+    min_power_dbm: float = parameter(-20.0, -100.0, 0.0, source=OURS)
     analysers: int = parameter(0, 0, MOST_ANALYSERS)  # Bell analysers, each with two inner ports
     # What all analysers are like, and their parts.
     analyser: BellAnalyser = field(default_factory=BellAnalyser)

@@ -1,6 +1,7 @@
 """Reference pages describe all: options, settings, results, messages and the public API."""
 
 import re
+from dataclasses import dataclass, fields
 
 import pytest
 import yaml
@@ -10,7 +11,9 @@ from views import api_reference, message_reference, reference
 from views.comments import MEANINGS, meaning, of_fields
 from wire import device
 from wire.metadata.decoding import KINDS
-from wire.parameters.physics import Memory
+from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S, FiberOptics
+from wire.parameters.physics import Memory, choice, parameter
+from wire.parameters.switch import QuantumSwitch
 
 PAGES = {
     "docs/options.md": reference,
@@ -31,6 +34,43 @@ def test_no_row_is_without_a_description(pages: dict[str, str]) -> None:
         assert len(rows) > 100
         for row in rows:
             assert row.rpartition(" | ")[2].strip(), f"{name}: {row}: describe it: {MEANINGS}"
+
+
+def test_no_setting_is_without_a_source(pages: dict[str, str]) -> None:
+    _before, _title, settings = pages["docs/options.md"].partition("\n## Settings of devices")
+    rows = ROW.findall(settings.partition("\n## ")[0])
+    assert rows[0] == " | ".join(reference.SETTINGS)
+    for row in rows:
+        assert row.split(" | ")[4].strip(), f"{row}: name the source of its default"
+
+
+def test_a_default_that_has_an_effect_needs_a_source() -> None:
+    @dataclass
+    class Part:
+        loss_db: float = parameter(0.0, 0.0, 9.0)
+        efficiency: float = parameter(1.0, 0.0, 1.0)
+        rate_hz: float = parameter(1.0, 0.0, 9.0)
+        bright: float = parameter(0.3, 0.0, 1.0)
+        cited: float = parameter(0.3, 0.0, 1.0, source="a datasheet")
+        kind: str = choice("good", "bad")
+
+    sources = [reference.source_of(each) for each in fields(Part)]
+    assert sources == ["ideal", "ideal", "", "", "a datasheet", ""]
+
+
+def test_defaults_are_those_of_their_sources() -> None:
+    """40 ps/(km K), 2e-9 /(km nm), 100 ns, and the grid: f = 193.1 THz + n 12.5 GHz, c = f l."""
+    fiber, switch = FiberOptics(), QuantumSwitch("q1")
+    kilometre_ps = 1e3 / SPEED_IN_FIBER_M_PER_S * 1e12
+    assert kilometre_ps * fiber.thermal_ppm_per_k * 1e-6 == pytest.approx(40, rel=0.01)
+    assert fiber.raman_per_km_nm == 2e-9
+    assert switch.switching_time_s == 100e-9
+    frequency_thz = 299_792.458 / fiber.filter_center_nm
+    assert frequency_thz == pytest.approx(193.4, abs=1e-3)
+    assert fiber.filter_nm * frequency_thz**2 / 299_792.458 == pytest.approx(0.050, rel=0.01)
+    channels = (switch.max_frequency_mhz - switch.min_frequency_mhz) / switch.grid_mhz + 1
+    assert channels == 96
+    assert (switch.min_frequency_mhz - 193_100_000) % 12_500 == 0
 
 
 def test_no_section_is_empty(pages: dict[str, str]) -> None:
