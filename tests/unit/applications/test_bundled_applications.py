@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from documentation import blocks
 from netqasm_scene import EXAMPLES, outputs
 
 from applications.netqasm.connection import Connection, get_qubit_state
@@ -202,3 +203,15 @@ def test_nobody_looks_where_it_is_not_allowed(tmp_path: Path) -> None:
 
     with pytest.raises(QuantumSocketError, match="no state can be looked at in this network"):
         outputs(tmp_path, EXAMPLES / "blind_rotation", TWO)
+
+
+def test_the_program_beside_that_of_squidasm_measures_equal_halves(tmp_path: Path) -> None:
+    """Halves of Phi+ are alike in Z, and either outcome of ten rounds but with 2^-9."""
+    (alice,) = [each for each in blocks("docs/differences.md", "python") if "def main" in each]
+    bob = alice.replace('"bob"', '"ALICE"').replace('"alice"', '"bob"').replace("ALICE", "alice")
+    (tmp_path / "pair").mkdir()
+    (tmp_path / "pair" / "app_alice.py").write_text(alice)
+    (tmp_path / "pair" / "app_bob.py").write_text(bob.replace("create_keep", "recv_keep"))
+    told = outputs(tmp_path, tmp_path / "pair", {"alice": "alice", "bob": "bob"}, rounds=10)
+    assert all(each["alice"] == each["bob"] for each in told)
+    assert {each["alice"]["outcome"] for each in told} == {0, 1}
