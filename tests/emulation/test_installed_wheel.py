@@ -32,12 +32,12 @@ LOAD = (
 PLUGIN = ROOT / "examples" / "plugin"
 
 
-def built(folder: Path, source: Path = ROOT) -> Path:
-    words = ["-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+def built(folder: Path, source: Path = ROOT, target: str = "wheel") -> Path:
+    words = ["-m", "hatchling", "build", "-t", target, "-d", str(folder)]
     environment = {**os.environ, "SOURCE_DATE_EPOCH": "1700000000"}
     subprocess.run([sys.executable, *words], cwd=source, env=environment, check=True)
-    (wheel,) = folder.iterdir()
-    return wheel
+    (made,) = folder.iterdir()
+    return made
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,9 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_same_tree_gives_the_same_bytes(wheel: Path, tmp_path: Path) -> None:
-    assert built(tmp_path).read_bytes() == wheel.read_bytes()
+    assert built(tmp_path / "wheel").read_bytes() == wheel.read_bytes()
+    once, again = (built(tmp_path / each, target="sdist") for each in ("once", "again"))
+    assert again.read_bytes() == once.read_bytes()
 
 
 def test_a_wheel_has_one_name_and_all_of_the_tree(wheel: Path) -> None:
