@@ -16,6 +16,12 @@ import sys
 from qmn.services import ABSORB, OPENER, PAIRS, Figures, RegisteredService
 print(sorted({name.partition(".")[0] for name in sys.modules} & {"grpc", "hosts", "numpy"}))
 """
+CORE = """
+import sys
+import qmn.__main__, qmn.physics, qmn.scripting, qmn.services, qmn.topology
+import controller_apps.__main__, dispatcher.__main__, hosts.__main__, qswitch_agent.__main__
+print(sorted({name.partition(".")[0] for name in sys.modules} & {"dask", "matplotlib", "scipy"}))
+"""
 
 
 @pytest.mark.parametrize("name", PUBLIC)
@@ -33,10 +39,9 @@ def test_services_refuses_a_name_that_its_stub_has_not() -> None:
         _ = qmn.services.Servant  # type: ignore[attr-defined]
 
 
-def test_a_declaration_of_a_service_loads_neither_grpc_nor_hosts() -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", DECLARATION], cwd=ROOT, capture_output=True, text=True
-    )
+@pytest.mark.parametrize("program", [DECLARATION, CORE], ids=["declaration", "core"])
+def test_a_declaration_loads_no_grpc_or_hosts_and_the_core_no_large_package(program: str) -> None:
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
     assert done.stdout == "[]\n", done.stderr
 
 
