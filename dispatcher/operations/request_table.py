@@ -60,7 +60,7 @@ class RequestTable:
             self.analysers,
             self.reports,
             Purification(layer, self.blocks, measurements),
-            failed,
+            tasks,
         )
         self.switching = Switching(layer, self._connected, self.memories.opened, self._part_failed)
         emission = Emission(layer, self.blocks, self.transport, self.stations.emit, failed)

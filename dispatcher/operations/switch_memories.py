@@ -16,9 +16,8 @@ Before, a controller may have a block purified round by round; each round is rep
 
 import asyncio
 from collections import Counter, deque
-from collections.abc import Callable, Coroutine, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from dispatcher.layer import cutoff, extra_pairs
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import weak_light
-from dispatcher.operations.analysers import Analysers, Reports
+from dispatcher.operations.analysers import Analysers, Reports, Tasks
 from dispatcher.operations.gathering import Gathering
 from dispatcher.operations.imperfections import over
 from dispatcher.operations.purification import Purification
@@ -56,10 +55,9 @@ class SwitchMemories:
         analysers: Analysers,
         reports: Reports,
         purification: Purification,
-        failed: Callable[[BaseException], None],
+        tasks: Tasks,
     ) -> None:
-        """Call `failed` with what ends a wait unexpectedly."""
-        self._layer, self._transport, self._failed = layer, transport, failed
+        self._layer, self._transport, self._begin = layer, transport, tasks.begin
         self._analysers, self._reports = analysers, reports
         self._purification = purification
         memories, inputs = layer.network.memories, layer.network.analysers
@@ -68,7 +66,6 @@ class SwitchMemories:
         self._limits: dict[Block, asyncio.Task[None]] = {}
         self._numbers: dict[Block, int] = {}  # of the reports that they are held
         self._orders: dict[Block, bytes] = {}  # of rounds of purification, as far as they came
-        self._tasks: set[asyncio.Task[None]] = set()
         self._named: set[Block] = set()  # whose pulses a controller has named, to the last
         self._by_name: set[str] = set()  # memories that blocks leave only when they are named
         self._leads: dict[str, dict[int, int]] = {}  # outputs by input, of each switch
@@ -252,13 +249,6 @@ class SwitchMemories:
         self._held[node].append(block)
         self._limits[block] = self._begin(self._expire(block))
 
-    def _begin(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
-        task = asyncio.create_task(work)
-        self._layer.journal.begun(task)
-        self._tasks.add(task)
-        task.add_done_callback(self._ended)
-        return task
-
     async def _expire(self, block: Block) -> None:
         """Drop what is too old, whose block leaves in its turn, and end the wait of the block."""
         clock = self._layer.clock
@@ -277,11 +267,6 @@ class SwitchMemories:
         dropped = self._layer.sabot.lose(block.register, every)
         self._counts[block.node]["cut_off"] += dropped
         self._layer.record(block.node, "expire", block, block.port, f"dropped={dropped}")
-
-    def _ended(self, task: asyncio.Task[None]) -> None:
-        self._tasks.discard(task)
-        if not task.cancelled() and (error := task.exception()) is not None:
-            self._failed(error)
 
     def _leaving(self, switch: str) -> list[str]:
         """Return the memories whose first block can leave now."""
