@@ -76,6 +76,7 @@ def build_layer(
     for switch in config.switches:
         devices |= switch.inner_devices
     hardware = Devices(devices)
+    devices |= {switch.name: switch.parts for switch in config.switches}
     if unknown := config.devices.keys() - config.tokens.keys():
         raise BadConfig(f"devices of {', '.join(sorted(unknown))}: there are no such hosts")
     if not config.history_depth and any(each.compensator.retarders for each in devices.values()):

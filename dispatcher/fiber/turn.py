@@ -5,7 +5,7 @@ A turn is the operator w - i (x X + y Y + z Z): by an angle a about an axis n, w
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +35,7 @@ class Turn:
         """Return an earlier turn and then this one."""
         if earlier is None:
             return self
-        starts = np.union1d(self.starts, earlier.starts)
-        mine, theirs = (each.quaternions[each.stretch(starts)] for each in (self, earlier))
+        starts, mine, theirs = stretches(self, earlier)
         looked = self.looked
         if looked is None or earlier.looked is None:
             looked = earlier.looked if looked is None else looked
@@ -50,7 +49,21 @@ class Turn:
         return Turn(self.starts, self.quaternions * SIGNS[pauli], looked)
 
 
+def unseen(turn: Turn | None) -> Turn | None:
+    """Return a turn that no reference light of what follows has met."""
+    return turn and replace(turn, looked=None)
+
+
 STILL = Turn(np.zeros(1, np.int64), np.array([[1.0, 0.0, 0.0, 0.0]]))
+
+
+def stretches(
+    one: Turn | None, other: Turn | None, *others: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], Quaternions, Quaternions]:
+    """Return where either turn changes, or others say so, and both turns from there on."""
+    one, other = one or STILL, other or STILL
+    starts = np.unique(np.concatenate([one.starts, other.starts, *others]))
+    return starts, one.quaternions[one.stretch(starts)], other.quaternions[other.stretch(starts)]
 
 
 def of_paulis(paulis: NDArray[np.uint8]) -> Turn:
@@ -63,10 +76,7 @@ def merged(one: Turn | None, other: Turn | None, members: NDArray[np.bool_]) -> 
     """Return one turn, but the other one for the photons of a mask, shape (k,)."""
     if one is other:
         return one
-    one, other = one or STILL, other or STILL
-    changes = np.flatnonzero(np.diff(members)) + 1
-    starts = np.unique(np.concatenate([one.starts, other.starts, changes]))
-    mine, theirs = (each.quaternions[each.stretch(starts)] for each in (one, other))
+    starts, mine, theirs = stretches(one, other, np.flatnonzero(np.diff(members)) + 1)
     return Turn(starts, np.where(members[starts][:, None], theirs, mine))
 
 
@@ -87,9 +97,7 @@ def alignment(one: Turn | None, other: Turn | None, photons: int) -> float | NDA
     """Return |<H|A* B|H>|^2 of photons that began as H and were turned by A, and by B."""
     if one is other:
         return 1.0
-    one, other = one or STILL, other or STILL
-    starts = np.union1d(one.starts, other.starts)
-    mine, theirs = (each.quaternions[each.stretch(starts)] for each in (one, other))
+    starts, mine, theirs = stretches(one, other)
     aligned = np.square(product(mine * INVERSE, theirs)[:, [0, 3]]).sum(axis=1)
     if starts.size == 1:
         return float(aligned[0])

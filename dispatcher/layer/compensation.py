@@ -1,10 +1,11 @@
-"""Polarisation compensators of hosts: when they look at their reference light, and what they undo.
+"""Polarisation compensators: when they look at their reference light, and what they undo.
 
 The reference comes with the data, by the same fibres: light meets the inverse of the turn that they
 made when its compensator looked last. A look counts when the retarders have moved; until then the
 earlier setting holds, or, if the reference interrupts, light is lost. Looks come at equal intervals
 from the first light on, and from each request on. Only those that light can tell are evaluated. A
 compensator keeps a setting for each path, whose reference is taken to be there before the path is.
+Behind a compensator another reference begins, so that the next one undoes what follows alone.
 """
 
 from collections import defaultdict
@@ -22,6 +23,7 @@ from dispatcher.fiber.turn import STILL, Quaternions, Turn, of_vectors, product
 from dispatcher.sabot.draws import Draws
 from wire.config import FiberEnd
 from wire.parameters.physics import INTERRUPTING, Compensator, Device
+from wire.parameters.switch import INNER_PORTS
 
 Times = NDArray[np.int64]
 Path = tuple[FiberEnd, FiberEnd]  # where light began, and where it comes out
@@ -77,22 +79,27 @@ class Correction(NamedTuple):
 
 class Compensation:
     def __init__(self, devices: Mapping[str, Device], draws: Draws) -> None:
-        parts = {host: device.compensator for host, device in devices.items()}
-        self._parts = {host: part for host, part in parts.items() if part.retarders}
+        parts = {node: device.compensator for node, device in devices.items()}
+        self._parts = {node: part for node, part in parts.items() if part.retarders}
         self._draws = draws
-        self._intervals = {host: Intervals() for host in self._parts}
+        self._intervals = {node: Intervals() for node in self._parts}
         self._settings: defaultdict[Path, dict[int, Setting]] = defaultdict(dict)
 
     def of(self, node: str) -> Compensator | None:
         return self._parts.get(node)
 
-    def loss(self, node: str) -> CompensatorLoss | None:
-        part = self.of(node)
+    def at(self, end: FiberEnd) -> Compensator | None:
+        """Return that of a port; light of parts of a switch comes in behind its compensators."""
+        inner = end.port.isdecimal() and int(end.port) in INNER_PORTS
+        return None if inner else self.of(end.node)
+
+    def loss(self, end: FiberEnd) -> CompensatorLoss | None:
+        part = self.at(end)
         return CompensatorLoss(part.loss_db) if part is not None and part.loss_db > 0 else None
 
-    def disturbs(self, node: str) -> bool:
-        """Return whether the compensator of a node acts on light that has met no drift."""
-        part = self.of(node)
+    def disturbs(self, end: FiberEnd) -> bool:
+        """Return whether the compensator of a port acts on light that has met no drift."""
+        part = self.at(end)
         return part is not None and _disturbs(part)
 
     def light_begins(self, now_ns: int) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.approximations import twirled_phase, twirled_turn
-from dispatcher.fiber.turn import SIGNS, STILL, TRANSPOSED, Turn, product
+from dispatcher.fiber.turn import SIGNS, TRANSPOSED, Turn, product, stretches
 from dispatcher.layer.ownership import Block, Pulses
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
@@ -121,11 +121,8 @@ def _of_pairs(first: Block, second: Block) -> _PairTurns | None:
     one, other = first.pulses.turn, second.pulses.turn
     if one is None and other is None:
         return None
-    mine, theirs = one or STILL, other or STILL
-    starts = np.union1d(mine.starts, theirs.starts)
-    former = mine.quaternions[mine.stretch(starts)]
-    right = theirs.quaternions[theirs.stretch(starts)] * TRANSPOSED
-    whole = np.stack([product(former, right * signs) for signs in SIGNS], axis=1)
+    starts, former, right = stretches(one, other)
+    whole = np.stack([product(former, right * TRANSPOSED * signs) for signs in SIGNS], axis=1)
     return _PairTurns(Turn(starts, former), whole[..., 1:] ** 2, whole)
 
 

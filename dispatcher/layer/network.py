@@ -50,9 +50,9 @@ class Network:
         self,
         fibers: list[Fiber],
         switches: list[QuantumSwitch],
-        entrance: Callable[[str], NoiseModel | None] = lambda _node: None,
+        entrance: Callable[[FiberEnd], NoiseModel | None] = lambda _end: None,
     ) -> None:
-        """Lay the fibres, to entrances of nodes; raise BadConfig or BadParameter."""
+        """Lay the fibres, to entrances at their ends; raise BadConfig or BadParameter."""
         self._entrance = entrance
         self._lines: dict[FiberEnd, Line] = {}
         # By fibre and by where its light comes out: what is in each of its channels.
@@ -132,7 +132,7 @@ class Network:
         self, near: FiberEnd, far: FiberEnd, fiber: Fiber, noise: dict[str, NoiseModel]
     ) -> Line:
         """Return a fibre in one direction; its channels' crosstalk is where light comes out."""
-        if (entrance := self._entrance(far.node)) is not None:
+        if (entrance := self._entrance(far)) is not None:
             noise = {**noise, type(entrance).__name__: entrance}
         if fiber.channels == 1 or fiber.channel_crosstalk_db is None:
             return Line(near, far, fiber, noise)

@@ -21,7 +21,7 @@ from dispatcher.fiber.custom_noise import OwnNoise, of_all
 from dispatcher.fiber.fiber_noise import meets, obstacle
 from dispatcher.fiber.noise import MEMORYLESS, Effect, NoiseModel, Passage, Pattern, Schedule
 from dispatcher.fiber.polarization_modes import PolarizationDependentLoss, effect_on
-from dispatcher.fiber.turn import STILL, Turn
+from dispatcher.fiber.turn import STILL, Turn, unseen
 from dispatcher.layer import drift, extra_pairs, pulses
 from dispatcher.layer.compensation import every_look
 from dispatcher.layer.device_noise import Channels
@@ -150,7 +150,7 @@ class Flight:
             if beam.members.size < beam.block.register.size:  # its photons were drawn meanwhile
                 beam.members = _every_pulse(beam.block)
             self._pass(beam, line)
-            if self._layer.compensation.of(line.far.node) is not None and beam.block.weak is None:
+            if self._layer.compensation.at(line.far) is not None and beam.block.weak is None:
                 self._compensate(beam, line.far)
             switch = self._layer.network.switches.get(line.far.node)
             if _is_lit(beam):
@@ -182,8 +182,8 @@ class Flight:
             beam.fibers_passed,
             errors,
             rotation=beam.rotation,
-            turn=beam.turn,
-            polarization=beam.polarization,
+            turn=unseen(beam.turn),
+            polarization=unseen(beam.polarization),
             dispersion_ps_per_nm=beam.dispersion_ps_per_nm,
             path_ps=beam.delay_ps,
         )
@@ -329,7 +329,7 @@ class Flight:
         models = {name: each for name, each in line.noise.items() if meets(encoding, each)}
         if block.weak is not None:
             models = {name: weak_light.steady(each, schedule) for name, each in models.items()}
-        disturbed = self._layer.compensation.disturbs(line.far.node)
+        disturbed = self._layer.compensation.disturbs(line.far)
         cause = obstacle(encoding, models.values()) or "a compensator" * disturbed
         if not self._draw_for(beam, cause):
             return
@@ -370,16 +370,16 @@ class Flight:
                 self._meet_channel(beam, effect.kraus, place, f"noise {where}")
 
     def _compensate(self, beam: Beam, end: FiberEnd) -> None:
-        """Let light meet the compensator at the end of its path."""
+        """Let light meet the compensator of a port."""
         layer, block = self._layer, beam.block
         in_bins = block.pulses.encoding != "polarization"
         turn, leaves = beam.polarization if in_bins else beam.turn, self._departure.after(0.0)
         path = self._start, end
         corrects, dark, detail = layer.compensation.correct(path, self._looks, turn, leaves)
         if corrects is not None and in_bins:
-            beam.polarization = corrects.after(turn)
+            beam.polarization = unseen(corrects.after(turn))
         elif corrects is not None:
-            beam.turn = corrects.after(turn)
+            beam.turn = unseen(corrects.after(turn))
         if dark is not None:
             self._lose(block, dark & beam.members, f"interrupted by the compensator of {end.node}")
             extra_pairs.darken(layer.sabot, block, dark & beam.members)

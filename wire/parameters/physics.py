@@ -75,6 +75,13 @@ def _check_noise(where: str, parameters: Any) -> None:
         )
 
 
+class Part:
+    """A part of a device whose values are each in a range of their own."""
+
+    def check(self, where: str) -> None:
+        check(where, self)
+
+
 @dataclass(frozen=True)
 class PairSource:
     """A source of Bell pairs: one pair a pulse and Phi+ by default."""
@@ -237,7 +244,7 @@ class Memory:
 
 
 @dataclass(frozen=True)
-class Gates:
+class Gates(Part):
     """A host's gates on the qubits that it holds, and how good they are.
 
     Depolarising of p leaves X, Y and Z with p/4 each, as in fibres; of two qubits each of the 15
@@ -264,12 +271,9 @@ class Gates:
     def take_time(self) -> bool:
         return any((self.one_qubit_s, self.two_qubit_s, self.initialization_s, self.readout_s))
 
-    def check(self, where: str) -> None:
-        check(where, self)
-
 
 @dataclass(frozen=True)
-class Detectors:
+class Detectors(Part):
     """The single-photon detectors of a host, all alike, one for each outcome."""
 
     efficiency: float = parameter(1.0, 0.0, 1.0)
@@ -291,12 +295,9 @@ class Detectors:
     noise: str = ""
     noise_parameters: dict[str, Any] = field(default_factory=dict)
 
-    def check(self, where: str) -> None:
-        check(where, self)
-
 
 @dataclass(frozen=True)
-class BellAnalyser:
+class BellAnalyser(Part):
     """How a host makes Bell measurements."""
 
     # complete (hyperentangled): 4 outcomes; linear (optics): Phi+ and Phi- are one outcome,
@@ -314,12 +315,9 @@ class BellAnalyser:
     delay_line_km: float = parameter(2_000.0, 0.0, 20_000.0, source=OURS)
     delay_line_db_per_km: float = parameter(0.2, 0.0, 1_000.0, source="ITU-T G.652.D")
 
-    def check(self, where: str) -> None:
-        check(where, self)
-
 
 @dataclass(frozen=True)
-class Emitter:
+class Emitter(Part):
     """The optical interface of a memory whose qubits emit photons that are entangled with them.
 
     Each attempt prepares a qubit and lets it emit; a station between two such hosts heralds.
@@ -335,23 +333,17 @@ class Emitter:
     preparation_s: float = parameter(0.0, 0.0, 10.0)  # of the qubits, before each attempt
     modes: int = parameter(1, 1, 1_000_000)  # qubits that attempt at the same time
 
-    def check(self, where: str) -> None:
-        check(where, self)
-
 
 @dataclass(frozen=True)
-class Sensor:
+class Sensor(Part):
     """A quantity that a host's qubits can be exposed to: each takes a phase, unknown to all."""
 
     phase_rad: float = parameter(0.0, -1e3, 1e3)  # of |1> beside |0>, each time
 
-    def check(self, where: str) -> None:
-        check(where, self)
-
 
 @dataclass(frozen=True)
 class Compensator:
-    """An electronic polarisation controller at the host's ports, and its reference light.
+    """An electronic polarisation controller at the ports of a node, and its reference light.
 
     Retarders about Z, X, Z (and X) of the Poincare sphere undo the turn that the reference showed
     at the last look.

@@ -15,6 +15,7 @@ from wire.parameters.physics import (
     PAPER,
     BadParameter,
     BellAnalyser,
+    Compensator,
     Detectors,
     Device,
     Emitter,
@@ -109,6 +110,7 @@ class QuantumSwitch:
     emitter: Emitter = field(default_factory=Emitter)  # how these emit; by an inner port each
     sources: int = parameter(0, 0, MOST_SOURCES)  # of pairs, each with two inner ports
     source: PairSource = field(default_factory=PairSource)  # what all of them are like
+    compensator: Compensator = field(default_factory=Compensator)  # where fibres end
 
     @property
     def parts(self) -> Device:
@@ -162,6 +164,7 @@ class QuantumSwitch:
             )
         self._check_memories()
         self._check_sources()
+        self.compensator.check(f"{self.name}, compensator")
         if self.min_frequency_mhz > self.max_frequency_mhz:
             raise BadParameter(
                 f"{self.name}: min_frequency_mhz {self.min_frequency_mhz} is above "
@@ -250,5 +253,5 @@ def memory_of(port: int) -> int:
 
 
 OPTICS = frozenset(each.name for each in fields(QuantumSwitch)) - {"name"}  # what can be set
-PARTS = frozenset({"analyser", "detectors", "gates", "memory", "emitter", "source"})
+PARTS = frozenset(each.name for each in fields(Device)) & OPTICS
 COMPOUND = PARTS | {"paths"}  # of these, by topologies alone

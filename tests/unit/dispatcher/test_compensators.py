@@ -1,11 +1,22 @@
 """Compensators of polarisation, against scipy and simulations apart; 5 sigma, seed 1."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 import uvloop
+from compensators_scene import (
+    COUNT,
+    HOSTS,
+    IDEAL,
+    RATE_HZ,
+    errors,
+    expected,
+    laboratory,
+    require,
+    turns,
+    wrong,
+)
 from five_sigma import within
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -22,88 +33,9 @@ from wire.dispatcher_pb2 import AdjustFiberRequest, CompensateRequest
 from wire.parameters.physics import (
     BadParameter,
     Compensator,
-    Detectors,
     Device,
     PairSource,
 )
-from wire.parameters.switch import QuantumSwitch
-
-COUNT, RATE_HZ, DRIFT_S = 60_000, 10_000, 0.1
-PARTS = 20  # of a block, of which each lasts for three drift times
-FIBER: dict[str, Any] = {
-    "length_km": 1.0,
-    "polarization_drift_rad_per_sqrt_km": 0.8,
-    "polarization_drift_time_s": DRIFT_S,
-}
-IDEAL = Compensator(retarders=3)
-HOSTS = ("alice", "bob")
-
-
-def laboratory(
-    compensator: Compensator, encoding: str = "polarization", **fiber: Any
-) -> Laboratory:
-    """Return alice and bob, whom two such fibres join; bob compensates."""
-    alice = Device(PairSource(encoding=encoding), detectors=Detectors(encoding=encoding))
-    bob = replace(alice, compensator=compensator)
-    ends = [[FiberEnd(host, f"{host}-q{i}") for host in ("alice", "bob")] for i in (0, 1)]
-    fibers = [Fiber(*way, **FIBER | fiber) for way in ends]
-    devices = {"alice": alice, "bob": bob}
-    tokens = dict.fromkeys(devices, "")
-    return Laboratory(DispatcherConfig("", "", 1, tokens, fibers, [], devices=devices))
-
-
-async def errors(there: Laboratory, count: int = COUNT, number: int = 0) -> NDArray[np.bool_]:
-    """Send photons in Z, X and Y by turns; return which of those that clicked are wrong."""
-    states = (np.arange(count) % 6).astype(np.uint8)
-    alice, bob = there.host("alice"), there.host("bob")
-    await alice.prepare(states, number)
-    await alice.send({(number, 0): "alice-q0"}, RATE_HZ)
-    await bob.receive((number, 0), "bob-q0")
-    bits = await bob.measure((number, 0), bases=states >> np.uint8(1))
-    return np.asarray(((bits ^ states) & 1)[bits < 2], bool)
-
-
-def wrong(compensator: Compensator, **fiber: Any) -> NDArray[np.bool_]:
-    return uvloop.run(errors(laboratory(compensator, **fiber)))
-
-
-def turns(vectors: NDArray[np.float64]) -> Rotation:
-    """Compose pieces, shape (n, pieces, 3)."""
-    whole = Rotation.identity(len(vectors))
-    for piece in np.moveaxis(vectors, 1, 0):
-        whole = Rotation.from_rotvec(piece) * whole
-    return whole
-
-
-def expected(
-    rms_rad: float,
-    every_s: float,
-    error_rad: float = 0.0,
-    late_s: float = 0.0,
-    early_s: float = 0.0,
-) -> tuple[float, float]:
-    """Simulate the same process and loop apart: return the error rate, and its standard error.
-
-    A photon comes early_s to every_s after its look; if that counts late, after the one before.
-    """
-    random, count, pieces = np.random.default_rng(7), 100_000, max(int(np.ceil(rms_rad**2)), 1)
-    sigma = rms_rad / np.sqrt(3 * pieces)
-    ages_s = early_s + random.random(count) * (every_s - early_s)
-    ages_s[ages_s < late_s] += every_s
-    kept = np.exp(-ages_s / DRIFT_S)[:, None, None]
-    looked = random.standard_normal((count, pieces, 3)) * sigma
-    now = kept * looked + np.sqrt(1 - kept**2) * random.standard_normal(looked.shape) * sigma
-    misread = Rotation.from_rotvec(random.standard_normal((count, 3)) * error_rad / np.sqrt(3))
-    left = (misread * turns(looked)).inv() * turns(now)
-    each = (1 - np.trace(left.as_matrix(), axis1=1, axis2=2) / 3) / 2
-    return float(each.mean()), float(each.std() / np.sqrt(count))
-
-
-def require(found: NDArray[np.bool_], rate: tuple[float, float]) -> None:
-    """Compare an error rate by the spread of parts of the block, which hardly know each other."""
-    parts = found.reshape(PARTS, -1).mean(axis=1)
-    spread = np.hypot(parts.std(ddof=1) / np.sqrt(PARTS), rate[1])
-    assert abs(parts.mean() - rate[0]) < 5 * spread, (parts.mean(), rate, spread)
 
 
 @pytest.mark.parametrize(("every_s", "rms_rad"), [(0.005, 0.8), (0.4, 0.8), (0.05, 2.0)])
@@ -348,29 +280,6 @@ def test_light_of_time_bins_gets_one_polarisation_back() -> None:
 
     assert uvloop.run(found(IDEAL))[0] == 1000
     assert uvloop.run(found(Compensator()))[0] < 1000
-
-
-@pytest.mark.parametrize("rotation", [0, 1, 2, 3])
-def test_behind_a_switch_the_turns_of_both_fibres_are_undone(rotation: int) -> None:
-    """The switch's own rotation stays: by X and XZ every bit is flipped."""
-
-    async def found() -> NDArray[np.uint8]:
-        ends = [
-            (FiberEnd(host, f"{host}-q0"), FiberEnd("q1", str(i)))
-            for i, host in enumerate(HOSTS, 1)
-        ]
-        fibers = [Fiber(*way, **FIBER | {"polarization_drift_time_s": 1e9}) for way in ends]
-        switches = [QuantumSwitch("q1", rotation=rotation)]
-        devices = {"bob": Device(compensator=IDEAL)}
-        tokens = dict.fromkeys((*HOSTS, "q1"), "")
-        there = Laboratory(DispatcherConfig("", "", 1, tokens, fibers, switches, devices=devices))
-        await there.connect("q1", {1: 2})
-        await there.host("alice").prepare(np.zeros(1000, np.uint8))
-        await there.host("alice").send({(0, 0): "alice-q0"})
-        await there.host("bob").receive((0, 0), "bob-q0")
-        return await there.host("bob").measure((0, 0))
-
-    assert (uvloop.run(found()) == rotation % 2).all()
 
 
 def test_pulses_of_a_laser_are_lost_to_an_interrupting_reference() -> None:

@@ -21,7 +21,7 @@ from evidence.laboratory import START_NS, Laboratory
 from wire.config import BadConfig, DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import CreateRequest, Feedback, Gate, MeasureRequest
 from wire.parameters.fiber import FiberOptics
-from wire.parameters.physics import BellAnalyser, Device
+from wire.parameters.physics import BellAnalyser, Compensator, Device
 from wire.parameters.switch import PathOptics, QuantumSwitch
 
 COUNT = 600
@@ -313,6 +313,7 @@ CASES: list[tuple[Act, str, Any, Settings]] = [
     (prepared, "switch.temperature_c", 100.0, {}),
     (prepared, "switch.max_temperature_c", 0.0, {}),
     (prepared, "switch.hot_loss_db", 20.0, {"switch.temperature_c": 100.0}),
+    (prepared, "switch.compensator", Compensator(3), DRIFT),
     (prepared, "switch.min_frequency_mhz", 195_000_000, {}),
     (prepared, "switch.max_frequency_mhz", 192_000_000, {}),
     (prepared, "switch.grid_mhz", 12_500, {"frequency_mhz": 193_420_000}),
