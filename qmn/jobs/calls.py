@@ -1,13 +1,12 @@
 """A job by calls of this process to the stacks of its hosts, without programs on them."""
 
-import time
 from collections.abc import Callable
 from dataclasses import asdict
 
 from hosts.client import blocking_session
 from hosts.stack_socket import QuantumSocketError
 from qmn.jobs.runner import Job
-from qmn.jobs.transfer import TransferError, no_progress, with_elements
+from qmn.jobs.transfer import Patience, TransferError, no_progress, with_elements
 from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.networks.network import Network
 from topologies.system.processes.programs import NetworkError
@@ -45,17 +44,17 @@ class Progress:
     def __init__(self, network: Network, kept: ServiceJob, take: Callable[[], None]) -> None:
         self._network, self._kept, self._take = network, kept, take
         self._latest: Line = {}
-        self._limit_s = network.runtime.time.wall_s(STALL_TIMEOUT_S)
-        self._heard_s = time.monotonic()
+        self._patience = Patience(network.runtime.time, STALL_TIMEOUT_S)
 
     def note(self, line: Line) -> None:
-        self._latest, self._heard_s = line, time.monotonic()
+        self._latest = line
+        self._patience.renew()
         self._kept.asking = figures(line)
         self._take()
 
     def look(self) -> None:
         """Raise NetworkError if a program has died, or nothing was reported for too long."""
         self._network.check()
-        if time.monotonic() - self._heard_s > self._limit_s:
+        if self._patience.is_over:
             self._network.explain()
-            raise NetworkError(no_progress({"the session": self._latest}, self._limit_s))
+            raise NetworkError(no_progress({"the session": self._latest}, self._patience.wall_s))

@@ -11,7 +11,7 @@ from test_structure import ROOT, parsed, sources
 
 ROOMS = (
     *("wire", "programs", "gate", "dispatcher", "hosts", "controller_apps", "qswitch_agent"),
-    *("copper", "applications", "evidence"),
+    *("copper", "applications", "evidence", "topologies", "qmn", "views"),
 )
 # Programs on a NetworkLoop, whose pauses and time-outs count time of the network.
 ON_NETWORK_LOOP = (
@@ -31,6 +31,9 @@ APART = {
     "evidence/bench/": "measures what the machine takes",
     "evidence/kinds/bench.py": "likewise",
     "evidence/curves/": "has no network; its workers are processes",
+    "views/": "serves those outside the network, or draws what a run has left",
+    "topologies/networks/iperf.py": "paced: iperf goes by the wall",
+    "topologies/system/": "begins, asks or ends what is of this machine, or another",
     "qswitch_agent/hardware/scpi.py": "paced: instruments run in real time",
     "gate/gate.py": "is what steps the time",
     "wire/network_time.py": "is the clock, where the wall paces it",
@@ -44,6 +47,9 @@ NUMBERS = "a number that grows, from one program to the next that takes its plac
 LOGS = "of logs"
 SERVES = "serves those outside the network"
 BEGINS = "begins or ends a program"
+LOOKS = "the runner looks at its network"
+MACHINE = "guards what this machine does, or another"
+PERSON = "for a person at the prompt"
 ALLOWED = {
     "applications/keys/job.py": {"watch": "the runner looks, and says how far time may pass"},
     "applications/keys/key_client.py": {"KeyClient._ask": BOUNDS},
@@ -78,7 +84,7 @@ ALLOWED = {
     "dispatcher/sabot/remote/sabot_servicer.py": {"serving": BEGINS},
     "dispatcher/server/server.py": {"Server.stop": BEGINS},
     "dispatcher/server/servicer.py": {"Service.Watch": SERVES},
-    "hosts/client.py": {"End.close": BOUNDS, "_wait": "the runner looks at its network"},
+    "hosts/client.py": {"End.close": BOUNDS, "_wait": LOOKS},
     "hosts/hardware/announce.py": {"announce": NUMBERS},
     "hosts/hardware/orders.py": {"proved": BOUNDS},
     "hosts/hardware/simulated.py": {"SimulatedQnic.look": BOUNDS},
@@ -110,7 +116,38 @@ ALLOWED = {
         "Switch.synchronise": "orders messages of the bridge",
         "Switch.read": "orders messages of the bridge",
     },
-    "evidence/traffic/driver.py": {"_checking": "the runner looks at its network"},
+    "evidence/traffic/driver.py": {"_checking": LOOKS},
+    "topologies/links/slow_copper.py": {"_run": MACHINE},
+    "topologies/networks/captures.py": {"Captures.end": MACHINE, "Captures.wait": BEGINS},
+    "topologies/networks/discovery.py": {"Discovery._wait": BEGINS, "heard_again": LOOKS},
+    "topologies/networks/disk.py": {"DiskKeeper._watch": MACHINE},
+    "topologies/networks/heard_orders.py": {"until_heard.wait": LOOKS},
+    "topologies/networks/long_start.py": {
+        f"LongStart.{name}": PERSON for name in ("__init__", "waits_for")
+    },
+    "topologies/networks/network.py": {
+        f"Network.{name}": LOOKS
+        for name in ("check", "explain", "_require_none_stopped", "_require_others_for")
+    },
+    "topologies/networks/switch_watch.py": {"SwitchWatch.require_interfaces": LOOKS},
+    "topologies/nodes/controller.py": {"QuantumController.start": BEGINS},
+    "topologies/nodes/copper.py": {"connect_copper": BEGINS},
+    "topologies/nodes/gate.py": {"Start.__init__": BEGINS},
+    "topologies/nodes/optical_switch.py": {
+        f"OpticalSwitch.{name}": BEGINS for name in ("launch", "start")
+    },
+    "qmn/changes/change.py": {"ask_dispatcher": BOUNDS},
+    "qmn/interactive/network_cli.py": {
+        f"NetworkCLI.{name}": PERSON for name in ("do_wait", "waitForNode")
+    },
+    # Patience is over only when the network's clock has come so far, too, or stands.
+    "qmn/jobs/transfer.py": dict.fromkeys(
+        ("Patience.renew", "Patience.is_over", "follow_all"), LOOKS
+    ),
+    "qmn/machines/workers.py": {"connected": MACHINE, "found_workers": MACHINE},
+    "qmn/running/machine.py": {"_run": MACHINE},
+    "qmn/scripting/network.py": {"QuantumNetwork.iperf.parts": "measures what the machine takes"},
+    "qmn/scripting/own_run.py": {"_end": BEGINS, "_wait": BEGINS},
 }
 
 

@@ -10,10 +10,12 @@ from typing import Any, cast
 
 import pytest
 
+from qmn.jobs import calls
 from qmn.jobs.transfer import follow_all
 from topologies.networks.network import Network
 from topologies.system.processes.programs import NetworkError, Program
 from wire.network_time import PAGE, PAGE_BYTES, NetworkTime, SteppedTime
+from wire.results.run_result import ServiceJob
 
 WAIT_S = 1.0
 LISTENING = '{"event": "listening", "port": 7}'
@@ -28,6 +30,8 @@ class Standing:
 
     def check(self) -> None:
         """Raise nothing: all its programs run."""
+
+    explain = check
 
 
 class Stepping(Standing):
@@ -102,6 +106,21 @@ def test_a_stepped_clock_that_goes_slowly_has_a_second_of_its_own(tmp_path: Path
     with standing_still(tmp_path, "asking") as program:
         why(program, network=network, look=look)
     assert time.monotonic() - began_s > 4 * WAIT_S
+
+
+def test_a_session_of_calls_has_its_seconds_of_a_stepped_clock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(calls, "STALL_TIMEOUT_S", WAIT_S / 4)
+    network = Stepping(tmp_path)
+    progress = calls.Progress(cast("Network", network), ServiceJob(), lambda: None)
+    progress.note({})
+    time.sleep(WAIT_S / 2)  # longer than the limit, by the wall
+    network.step(WAIT_S / 8)
+    progress.look()
+    network.step(WAIT_S / 4)
+    with pytest.raises(NetworkError, match="the session made no progress for"):
+        progress.look()
 
 
 def test_programs_that_go_on_speaking_have_all_the_time_that_they_need(tmp_path: Path) -> None:
