@@ -12,7 +12,7 @@ PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
 AS_ROOT = $(if $(filter-out 0,$(shell id -u)),sudo env PYTHONDONTWRITEBYTECODE=1)
 # OpenBLAS has one thread, as in the programs of a network: more would spin, and take tests' time.
-PYTEST := env PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -p no:cacheprovider -p progress -p garbage -p nightly -p default_signals
+PYTEST := env PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -p no:cacheprovider -p progress -p garbage -p nightly -p default_signals -p limits
 # More processes than processors, as long as all has room, because tests wait for time or other
 # processes. Of unit tests half as many more: each process imports and collects everything, which takes
 # it as long as hundreds of tests. Of those that emulate networks three times as many, of which a third

@@ -16,7 +16,7 @@ from limits import PROGRAM_S
 KEPT = ".late"  # names of the last run, in the folder of the tests
 MOST = 6  # more that fail are not late
 FAILED = ("failed", "error")
-FLAGS = ("-q", "-p", "no:cacheprovider", "-p", "garbage")
+FLAGS = ("-q", "-p", "no:cacheprovider", "-p", "garbage", "-p", "limits")
 
 
 class Late:

@@ -30,16 +30,19 @@ def slowness() -> float:
     return max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
 
 
-def slowed(pid: int) -> float | None:
-    """Return how many times as long as alone a process has taken for what it has done so far.
+def slowed(*pids: int) -> float | None:
+    """Return how many times as long as alone processes have taken for what they have done so far.
 
-    The kernel counts for how long it ran, and for how long it could have. None if it is gone.
+    The kernel counts for how long each task ran, and for how long it could have. None if all are
+    gone.
     """
-    try:
-        ran, waited = Path(f"/proc/{pid}/schedstat").read_text().split()[:2]
-    except OSError:
-        return None
-    return 1 + int(waited) / max(1, int(ran))
+    ran = waited = 0
+    for pid in pids:
+        with suppress(OSError):
+            for task in Path(f"/proc/{pid}/task").iterdir():
+                times = (task / "schedstat").read_text().split()
+                ran, waited = ran + int(times[0]), waited + int(times[1])
+    return 1 + waited / ran if ran else None
 
 
 def run(*command: str) -> str:

@@ -13,7 +13,7 @@ import socketserver
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,6 +23,7 @@ import grpc
 import pytest
 from conftest import open_vswitch
 from limits import SOON_S
+from limits import wait_until as wait_until
 from loaded import Running, forks
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
@@ -54,14 +55,6 @@ needs_open_vswitch = pytest.mark.skipif(
     os.geteuid() != 0 or shutil.which("ovs-vsctl") is None,
     reason="needs root and Open vSwitch",
 )
-
-
-def wait_until(condition: Callable[[], object], what: str) -> None:
-    """Return when the condition holds; fail after the deadline."""
-    end = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < end, f"waited {DEADLINE_S} s for {what}"
-        time.sleep(0.002)
 
 
 def run(*command: str) -> str:

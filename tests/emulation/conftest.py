@@ -18,7 +18,7 @@ import pytest
 from fabric_scene import NOISE, STANDING, TurningRingTopo, light_paths, started
 from fabric_scene import running as running_here
 from key_scene import keep_keys
-from limits import SOON_S
+from limits import SOON_S, left_s
 from limits import wait_until as wait_until
 from loaded import forks, run_qmn, serving
 from machine_scene import SecondMachine, second_machine
@@ -186,8 +186,8 @@ def nothing_left() -> Iterator[None]:
     """Check that interfaces, folders and programs are afterwards what they were before."""
     others, before = our_processes(), things()
     yield
-    deadline = time.monotonic() + 10
-    while (left := our_processes() - others) and time.monotonic() < deadline:
+    ended_s = time.monotonic()
+    while (left := our_processes() - others) and left_s(ended_s, 10.0) > 0:
         time.sleep(0.02)
     assert left == set()
     assert things() == before

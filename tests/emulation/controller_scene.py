@@ -1,7 +1,6 @@
 """The controller as a program between two real bridges: one classical, one quantum."""
 
 import json
-import select
 import signal
 import socket
 import subprocess
@@ -11,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from conftest import open_vswitch
-from limits import SOON_S
+from limits import SOON_S, wait_until
 from loaded import forks
 from scapy.contrib.lldp import (
     LLDPDUChassisID,
@@ -32,7 +31,7 @@ from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Handshake, Service
 
 CLASSICAL, QUANTUM = "cat-s1", "cat-q1"
-DEADLINE_S = 30.0
+DEADLINE_S = SOON_S
 HOSTS = {"alice": "10.0.0.1", "bob": "10.0.0.2", "charlie": "10.0.0.3"}
 FIBERS = ["alice-q0", "bob-q0", "bob-q1", "charlie-q0", "charlie-q1"]
 MACS = {"alice": "02:00:00:00:00:01", "bob": "02:00:00:00:00:02"}
@@ -43,13 +42,6 @@ def run(*command: str) -> str:
     return subprocess.run(
         command, check=True, capture_output=True, text=True, timeout=SOON_S
     ).stdout
-
-
-def wait_for(what: str, condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < deadline, f"{what} did not happen within {DEADLINE_S} s"
-        select.select([], [], [], 0.02)
 
 
 def flows(bridge: str) -> str:
@@ -184,15 +176,15 @@ def connect(controller: Controller, quantum_port: int = 0) -> None:
     """Point both bridges at the controller, the quantum one at another port if one is given."""
     for bridge, port in ((CLASSICAL, controller.port), (QUANTUM, quantum_port or controller.port)):
         run("ovs-vsctl", "set-controller", bridge, f"tcp:127.0.0.1:{port}")
-    wait_for("both switches here", lambda: len(controller.record("switch")) == 2)
-    wait_for("entries", lambda: "tcp_flags" in flows(CLASSICAL) and "0x88cc" in flows(QUANTUM))
+    wait_until(lambda: len(controller.record("switch")) == 2, "both switches here")
+    wait_until(lambda: "tcp_flags" in flows(CLASSICAL) and "0x88cc" in flows(QUANTUM), "entries")
 
 
 def discover(controller: Controller, wires: dict[str, Wire]) -> None:
     """Let hosts announce their fibres."""
     for name in FIBERS:
         wires[name].send(announcement(name))
-    wait_for("fibres discovered", lambda: len(controller.record("fiber")) == len(FIBERS))
+    wait_until(lambda: len(controller.record("fiber")) == len(FIBERS), "fibres discovered")
 
 
 def set_up(controller: Controller, wires: dict[str, Wire]) -> Setup:

@@ -14,7 +14,7 @@ from tempfile import TemporaryFile
 from threading import Lock, Thread
 from typing import IO, Any
 
-from limits import PROGRAM_S
+from limits import PROGRAM_S, WAIT_S
 
 from topologies.system.processes.forks import MODULES, Forked, ForkServer, request
 from topologies.system.processes.programs import ENVIRONMENT, ROOT, Program, python
@@ -22,7 +22,7 @@ from topologies.system.processes.programs import ENVIRONMENT, ROOT, Program, pyt
 QMN, CONTROLLER = "whole_qmn", "whole_controller"  # modules beside this one
 ON_FRAMEWORK = "framework_server"  # and one that loads the controller beside all else
 FOLDER = Path(__file__).parent
-END_TIMEOUT_S, READY_TIMEOUT_S = 10.0, 60.0
+END_TIMEOUT_S = READY_TIMEOUT_S = WAIT_S  # when a test is over, nothing else ends it
 
 
 class LastingProgram(Program):
@@ -141,7 +141,7 @@ class Loaded(ForkServer):
             process = self._fork(command, asked, files)
             try:
                 status = process.wait(timeout_s)
-            except subprocess.TimeoutExpired:
+            except BaseException:
                 process.send_signal(signal.SIGTERM)  # it cleans up, for the tests behind this one
                 process.wait(END_TIMEOUT_S)
                 raise

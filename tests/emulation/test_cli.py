@@ -27,7 +27,7 @@ from topologies.chain import ChainTopo
 from wire.controller_lines import read_record
 from wire.outcomes import Pauli
 
-KEYBOARD_S = 15
+KEYBOARD_S = SOON_S
 
 
 def cli(script: str, *options: str, runs: Path) -> subprocess.CompletedProcess[str]:

@@ -25,8 +25,8 @@ from controller_scene import (
     run,
     running,
     two_bridges,
-    wait_for,
 )
+from limits import wait_until
 
 from wire.metadata.decoding import decode
 from wire.metadata.header import METADATA_PORT
@@ -175,7 +175,7 @@ def test_a_held_set_up_is_repeated_by_tcp_and_released_once(
         assert server.stdout.readline() == "ready\n"
         with start(hosts["alice"], CLIENT, setup.encode().hex()) as client:
             assert delay.holding.wait(DEADLINE_S)
-            wait_for("three retransmissions", lambda: repetitions(controller) >= 3)
+            wait_until(lambda: repetitions(controller) >= 3, "three retransmissions")
             assert controller.record("granted") == []
             delay.release.set()
             first, rest = server.stdout.read().split(" ")
@@ -186,5 +186,5 @@ def test_a_held_set_up_is_repeated_by_tcp_and_released_once(
     received = bytes.fromhex(rest)
     assert hashlib.sha256(received).digest() == hashlib.sha256(b"behind" + DATA).digest()
     assert len(controller.record("path_ready")) == 1
-    wait_for("torn down", lambda: len(controller.record("torn_down")) == 1)
-    wait_for("dark", lambda: "in_port" not in flows(QUANTUM))
+    wait_until(lambda: len(controller.record("torn_down")) == 1, "torn down")
+    wait_until(lambda: "in_port" not in flows(QUANTUM), "dark")

@@ -22,9 +22,8 @@ from controller_scene import (
     running,
     set_up,
     two_bridges,
-    wait_for,
 )
-from limits import SOON_S
+from limits import SOON_S, wait_until
 from scapy.layers.inet import TCP
 
 from wire.metadata.setup import SETUP_LENGTH
@@ -62,11 +61,11 @@ def test_a_set_up_opens_light_paths_and_a_fin_closes_them(
     later = 100 + SETUP_LENGTH
     bridges["alice"].send(between("alice", "bob", "PA", later, b"QM later"))
     bridges["bob"].receive(lambda packet: b"QM later" in bytes(packet))
-    wait_for("bypass", lambda: "priority=300" in flows(CLASSICAL))
+    wait_until(lambda: "priority=300" in flows(CLASSICAL), "bypass")
     bridges["alice"].send(between("alice", "bob", "FA", later + 8))
     bridges["bob"].receive(lambda packet: TCP in packet and "F" in packet[TCP].flags)
-    wait_for("dark", lambda: "in_port" not in flows(QUANTUM))
-    wait_for("no bypass", lambda: "priority=300" not in flows(CLASSICAL))
+    wait_until(lambda: "in_port" not in flows(QUANTUM), "dark")
+    wait_until(lambda: "priority=300" not in flows(CLASSICAL), "no bypass")
     assert [line["session"] for line in controller.record("path_ready")] == [f"{SESSION:016x}"]
     assert len(controller.record("torn_down")) == 1
     assert controller.end() == 0
@@ -78,7 +77,7 @@ def test_a_session_ends_with_its_switch(controller: Controller, bridges: dict[st
     connect(controller)
     assert set_up(controller, bridges).verdict == Verdict.GRANTED
     run("ovs-vsctl", "del-controller", QUANTUM)
-    wait_for("session over", lambda: controller.record("torn_down"))
+    wait_until(lambda: controller.record("torn_down"), "session over")
     assert controller.record("torn_down")[0]["detail"] == "switch gone"
 
 
@@ -91,7 +90,7 @@ def test_paths_of_a_past_life_are_deleted(
     controller.process.wait(DEADLINE_S)
     assert flows(QUANTUM).count(f"cookie={SESSION:#x}") == 3
     with running(controller.framework, tmp_path, controller.port):
-        wait_for("dark", lambda: "in_port" not in flows(QUANTUM))
+        wait_until(lambda: "in_port" not in flows(QUANTUM), "dark")
 
 
 def test_a_taken_port_is_one_clear_line(controller: Controller, tmp_path: Path) -> None:
