@@ -11,8 +11,9 @@ SHELL := /bin/bash
 PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
 AS_ROOT = $(if $(filter-out 0,$(shell id -u)),sudo env PYTHONDONTWRITEBYTECODE=1)
+# PARTS: processor seconds of what ran before (setup/part).
 # OpenBLAS has one thread, as in the programs of a network: more would spin, and take tests' time.
-PYTEST := env PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -p no:cacheprovider -p progress -p garbage -p nightly -p default_signals -p limits
+PYTEST := env PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 'PARTS=$(PARTS)' $(PYTHON) -m pytest -p no:cacheprovider -p progress -p garbage -p nightly -p default_signals -p limits
 # More processes than processors, as long as all has room, because tests wait for time or other
 # processes. Of unit tests half as many more: each process imports and collects everything, which takes
 # it as long as hundreds of tests. Of those that emulate networks three times as many, of which a third
@@ -85,11 +86,12 @@ run-sdc: ## Send a message from alice to bob by superdense coding
 
 test: setup ## Run all checks and tests natively
 	@echo 'test: style and types, then tests: about 14 minutes on two processors'
-	@$(MAKE) --no-print-directory lint types
-	@echo 'test: unit tests; about 13 minutes left'
-	@$(MAKE) --no-print-directory unit
-	@echo 'test: tests in emulated networks; about 9 minutes left'
-	@$(MAKE) --no-print-directory emulation
+	@source setup/part; \
+	part style $(MAKE) --no-print-directory lint types; \
+	echo 'test: unit tests; about 13 minutes left'; \
+	part units $(MAKE) --no-print-directory unit; \
+	echo 'test: tests in emulated networks; about 9 minutes left'; \
+	$(MAKE) --no-print-directory emulation
 
 test-docker: ## Run the emulation tests marked `image` inside it (DEBIAN=13: of Debian 13)
 	@docker/run $(PYTEST) $(APART) $(NOT_IN_IMAGE) $(TESTS)

@@ -1,9 +1,15 @@
-"""Says now and then how far the tests are, and at once which failed: a plug-in of pytest."""
+"""Says now and then how far the tests are, and at once which failed: a plug-in of pytest.
 
+At the end it adds up the processor seconds of these tests and of what came before (setup/part).
+"""
+
+import os
+import resource
 import time
 from collections.abc import Sequence
 
 import pytest
+from _pytest.terminal import TerminalReporter
 
 EVERY_S = 15.0
 
@@ -12,6 +18,14 @@ def left(done: int, total: int, elapsed_s: float) -> str:
     """Return in words how long the rest takes, if it goes on as it did until now."""
     rest_s = elapsed_s / done * (total - done)
     return f"{rest_s / 60:.0f} min" if rest_s > 90 else f"{rest_s:.0f} s"
+
+
+def processor(parts: str, here_s: float) -> str:
+    """Return in words the processor seconds of these tests, and of parts before: NAME=SECONDS."""
+    before = [part.split("=") for part in parts.split()]
+    total_s = here_s + sum(float(seconds) for _name, seconds in before)
+    words = [f"{here_s:.0f} s here", *(f"{name} {seconds} s" for name, seconds in before)]
+    return f"processor: {', '.join(words)}; {total_s:.0f} s in all"
 
 
 class Progress:
@@ -50,6 +64,13 @@ class Progress:
         if self._done < self._total:
             rest = left(self._done, self._total, now_s - self._began_s)
             self._tell(f" {self._done:,} of {self._total:,} tests, about {rest} left")
+
+    def pytest_terminal_summary(self, terminalreporter: TerminalReporter) -> None:
+        """Tell the processor seconds; workers have ended, and what they started."""
+        kinds = resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN
+        used = [resource.getrusage(kind) for kind in kinds]
+        here_s = sum(each.ru_utime + each.ru_stime for each in used)
+        terminalreporter.write_line(processor(os.environ.get("PARTS", ""), here_s))
 
     def _tell(self, line: str) -> None:
         reporter = self._config.pluginmanager.get_plugin("terminalreporter")

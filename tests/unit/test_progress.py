@@ -1,7 +1,9 @@
 """How long the rest takes: of the tests, and of the first set-up."""
 
 import os
+import re
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -18,6 +20,34 @@ def test_the_rest_is_expected_to_go_on_alike(
     done: int, total: int, elapsed_s: float, words: str
 ) -> None:
     assert left(done, total, elapsed_s) == words
+
+
+def test_parts_are_added_up_with_what_they_have_started(tmp_path: Path) -> None:
+    busy = "import time\nwhile time.process_time() < 1.2: pass"
+    (tmp_path / "test_it.py").write_text(
+        f"import subprocess, sys\ndef test_it(): subprocess.run([sys.executable, '-c', {busy!r}])"
+    )
+    pytest_ = f"-p no:cacheprovider -p progress {tmp_path}"
+    script = f"""
+        source setup/part
+        part style {sys.executable} -c '{busy}'
+        part none true
+        {sys.executable} -m pytest {pytest_}
+    """
+    more = {"PYTHONPATH": str(ROOT / "tests"), "PARTS": "before=40"}
+    done = subprocess.run(
+        ["bash", "-euc", script],
+        cwd=ROOT,
+        env={**os.environ, **more},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    (line,) = re.findall(r"^processor: (\d+) s here, (.*); (\d+) s in all$", done.stdout, re.M)
+    here, style = int(line[0]), re.fullmatch(r"before 40 s, style (\d+) s, none 0 s", line[1])
+    assert style is not None
+    assert min(here, int(style[1])) >= 1
+    assert abs(int(line[2]) - 40 - here - int(style[1])) <= 1
 
 
 UV = """#!/bin/sh
