@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory, mkdtemp
 from typing import Any
 
 import pytest
-from fabric_scene import NOISE, STANDING, TurningRingTopo, light_paths, started
+from fabric_scene import NOISE, STANDING, Crossing, TurningRingTopo, light_paths, started
 from fabric_scene import running as running_here
 from key_scene import keep_keys
 from limits import SOON_S, left_s
@@ -45,6 +45,7 @@ STANDS: dict[str, tuple[Callable[[], Topo], dict[str, Any]]] = {
     "shared_network": (SdcTopo, {}),
     "noisy_network": (partial(SdcTopo, depolarizing=NOISE), {}),
     "ring_network": (TurningRingTopo, {}),
+    "chain_network": (Crossing, {}),
     "queueing_network": (SdcTopo, {"contention": "queue"}),
     "netqasm_network": (TappedTopo, {"looking": True}),
     "keys_network": (SdcTopo, {"contention": "queue", "rest": "127.0.0.1:8181"}),
@@ -276,6 +277,7 @@ def sharing(name: str) -> Callable[..., Iterator[Network]]:
     shared_network,
     noisy_network,
     ring_network,
+    chain_network,
     queueing_network,
     netqasm_network,
     keys_network,

@@ -13,14 +13,17 @@ from mininet.topo import Topo
 
 from hosts.client import blocking_session
 from hosts.stack_socket import BYTES
+from topologies.chain import ChainTopo
 from topologies.networks.network import Network, Signals
 from topologies.ring import RingTopo
 from topologies.system.runs.runtime import Runtime
 from wire.controller_lines import read_record
 from wire.parameters.network import NetworkSettings
+from wire.parameters.physics import BellAnalyser, Device, Gates, PairSource
 
 TIMEOUT_S = 40.0
 SERVICE_PORT = 9
+IDEAL = Gates()
 NOISE = 0.02  # of each fibre of the noisy network
 T = TypeVar("T")
 
@@ -65,6 +68,40 @@ class TurningRingTopo(RingTopo):
         super().build(switches, fibers, **fiber)
         for name, rotation in self.ROTATIONS.items():
             self.setNodeInfo(name, {**self.nodeInfo(name), "rotation": rotation})
+
+
+class Line(ChainTopo):
+    """Switches that swap between alice and bob, who make pairs."""
+
+    def build(
+        self,
+        switches: int = 2,
+        fibers: int = 1,
+        *,
+        fidelity: float = 1.0,
+        noise: Gates = IDEAL,
+        **fiber: Any,
+    ) -> None:
+        """Lay it; q2 swaps by gates with this noise."""
+        super().build(switches, fibers, **fiber)
+        for host in ("alice", "bob"):
+            source = Device(source=PairSource(fidelity=fidelity))
+            self.setNodeInfo(host, {**self.nodeInfo(host), "device": source})
+        for number in range(1, switches + 1):
+            parts = {"analysers": 1, "memories": 2, "sources": 1}
+            gates = {"gates": noise, "analyser": BellAnalyser(kind="gates")} if number == 2 else {}
+            name = f"q{number}"
+            self.setNodeInfo(name, {**self.nodeInfo(name), **parts, **gates})
+
+
+class Crossing(Line):
+    """charlie and dave have fibres of their own, all the way, but no analyser."""
+
+    def build(self, switches: int = 2, fibers: int = 2, **line: Any) -> None:
+        """Lay it."""
+        super().build(switches, fibers, **line)
+        self.add_host("dave", "10.0.0.5")
+        self.join("dave", "q2", 1)
 
 
 @contextmanager

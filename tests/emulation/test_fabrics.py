@@ -108,8 +108,9 @@ def test_light_is_not_moved_to_where_it_is_turned_differently(tmp_path: Path) ->
         assert switches_on_the_way(network, "alice-q0") == way
 
 
-def test_the_session_after_a_cut_or_mended_fibre_finds_it_so(tmp_path: Path) -> None:
-    with running(partial(ChainTopo, switches=2), tmp_path) as network:
+def test_the_session_after_a_cut_or_mended_fibre_finds_it_so(chain_network: Network) -> None:
+    network = chain_network
+    with mended(network, "q1", "q2"):
         for _ in range(3):
             network.net.configLinkStatus("q1", "q2", "down")
             refused = Session(network, "alice", "bob")

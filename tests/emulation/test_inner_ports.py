@@ -11,10 +11,10 @@ import pytest
 from agent_scene import DATAPATH, PING, Operator, accepted, flow_mod, light, outputs, refused
 from agent_scene import run as execute
 from conftest import nothing_left, wait_until
-from fabric_scene import running
+from fabric_scene import Line, running
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
-from test_switch_swaps import BOB, Line, require_nothing_left, swapping
+from test_switch_swaps import BOB, require_nothing_left, swapping
 
 from hosts.client import blocking_session
 from hosts.stack_socket import QuantumSocketError
@@ -33,16 +33,6 @@ PAIRS, SWITCHING_S = 100, 0.5
 EMISSION = Emission(7, 1, PAIRS, 50_000_000, 193_400_000)
 TOP = 0xFF00  # ports of the bridge itself begin there
 OUT_PORT = ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT
-
-
-class Crossing(Line):
-    """charlie and dave have fibres of their own, all the way, but no analyser."""
-
-    def build(self, switches: int = 2, fibers: int = 2, **line: Any) -> None:
-        """Lay it."""
-        super().build(switches, fibers, **line)
-        self.add_host("dave", "10.0.0.5")
-        self.join("dave", "q2", 1)
 
 
 # Words of 32 bits, as docs/inner-ports.md has them: kind and input or half, number, parameters.
@@ -248,20 +238,20 @@ def require_refusals(operator: Operator) -> None:
     assert refused(operator, headers) == (ofp.OFPET_BAD_MATCH, ofp.OFPBMC_BAD_FIELD)
 
 
-def test_who_lacks_an_analyser_is_refused_and_who_has_it_goes_on(tmp_path: Path) -> None:
-    with nothing_left(), running(Crossing, tmp_path) as network:
-        with ThreadPoolExecutor(1) as threads:
-            asked = {"count": 60_000, "block_pairs": 1000, "sample": 0.1, "swaps": 2}
-            first = threads.submit(session, network, ("alice", "bob"), 9, **asked)
-            wait_until(lambda: status(network).pairs_created > 5000, "it goes on", 20)
-            with pytest.raises(QuantumSocketError, match="another session uses"):
-                session(network, ("charlie", "dave"), 10, count=PAIRS, swaps=1)
-            assert not first.done()
-            figures = first.result(60)
-        assert (figures["pairs"], figures["fidelity"]) == (60_000, 1)
-        require_nothing_left(network)
-        assert session(network, ("charlie", "dave"), 10, count=PAIRS, swaps=1)["pairs"] == PAIRS
-        require_nothing_left(network)
+def test_who_lacks_an_analyser_is_refused_and_who_has_it_goes_on(chain_network: Network) -> None:
+    network, before = chain_network, status(chain_network).pairs_created
+    with ThreadPoolExecutor(1) as threads:
+        asked = {"count": 60_000, "block_pairs": 1000, "sample": 0.1, "swaps": 2}
+        first = threads.submit(session, network, ("alice", "bob"), 9, **asked)
+        wait_until(lambda: status(network).pairs_created > before + 5000, "it goes on", 20)
+        with pytest.raises(QuantumSocketError, match="another session uses"):
+            session(network, ("charlie", "dave"), 10, count=PAIRS, swaps=1)
+        assert not first.done()
+        figures = first.result(60)
+    assert (figures["pairs"], figures["fidelity"]) == (60_000, 1)
+    require_nothing_left(network)
+    assert session(network, ("charlie", "dave"), 10, count=PAIRS, swaps=1)["pairs"] == PAIRS
+    require_nothing_left(network)
 
 
 def test_two_sessions_that_entries_lead_to_one_analyser_are_told_apart(tmp_path: Path) -> None:

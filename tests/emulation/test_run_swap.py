@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fabric_scene import running
 from limits import SOON_S
 from loaded import run_qmn
-from test_switch_swaps import Line, require_nothing_left
+from test_switch_swaps import require_nothing_left
 
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
+from topologies.networks.network import Network
 
 
 def run(runs: Path, *options: str) -> dict[str, Any]:
@@ -64,18 +64,18 @@ def test_the_pairs_of_a_chain_are_purified_until_they_are_as_good_as_is_asked(
     assert abs(alice["fidelity"] - 0.8985) < 5 * sqrt(9 / 16 / alice["sampled"])
 
 
-@pytest.mark.nightly
-def test_an_application_that_goes_in_mid_protocol_leaves_nothing_anywhere(tmp_path: Path) -> None:
-    with running(lambda: Line(2), tmp_path) as network:
-        sockets = network.runtime.socket
-        with ServiceSocket(sockets("bob")) as listener, ServiceSocket(sockets("alice")) as alice:
-            listener.listen(9, "swap")
-            wanted = {"count": 1_000_000, "block_pairs": 500, "swaps": 2}
-            with ThreadPoolExecutor(1) as threads:
-                accepting = threads.submit(listener.accept)
-                next(alice.request("swap", ("bob", 9), **wanted))
-                bob, _peer = accepting.result(SOON_S)
-            alice.close()
-            with bob, pytest.raises(QuantumSocketError):
-                list(bob.results())
-        require_nothing_left(network)
+def test_an_application_that_goes_in_mid_protocol_leaves_nothing_anywhere(
+    chain_network: Network,
+) -> None:
+    sockets = chain_network.runtime.socket
+    with ServiceSocket(sockets("bob")) as listener, ServiceSocket(sockets("alice")) as alice:
+        listener.listen(9, "swap")
+        wanted = {"count": 1_000_000, "block_pairs": 500, "swaps": 2}
+        with ThreadPoolExecutor(1) as threads:
+            accepting = threads.submit(listener.accept)
+            next(alice.request("swap", ("bob", 9), **wanted))
+            bob, _peer = accepting.result(SOON_S)
+        alice.close()
+        with bob, pytest.raises(QuantumSocketError):
+            list(bob.results())
+    require_nothing_left(chain_network)

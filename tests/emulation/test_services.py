@@ -9,8 +9,11 @@ from typing import Any
 
 import pytest
 from conftest import TSHARK
+from fabric_scene import served
 from limits import SOON_S
 from loaded import run_qmn
+
+from topologies.networks.network import Network
 
 
 def run_service(runs: Path, *words: str, report: bool = False) -> dict[str, Any]:
@@ -79,11 +82,9 @@ def test_any_state_is_teleported_on_dense(tmp_path: Path) -> None:
     assert (result["backend"], result["exact"]) == ("dense", True)
 
 
-@pytest.mark.nightly
-def test_states_are_teleported_over_two_switches(tmp_path: Path) -> None:
-    result = run_service(tmp_path, "teleport", "--topology", "chain,2")
-    assert result["job"]["asking"]["fidelity"] == 1
-    assert result["path_setup_ms"]["n"] == 1
+def test_states_are_teleported_over_two_switches(chain_network: Network) -> None:
+    told = served(chain_network, "teleport", "alice", "bob", count=1000)
+    assert (told["states"], told["fidelity"]) == (1000, 1)
 
 
 def test_a_policy_may_allow_one_service_and_no_other(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from agent_scene import Operator
 from conftest import ROOT, nothing_left, wait_until
-from fabric_scene import running, served
+from fabric_scene import Line, running, served
 from limits import SOON_S
 from loaded import run_qmn
 
@@ -23,7 +23,6 @@ from hosts.stack_socket import QuantumSocketError
 from qmn.changes.fault import Failed, Repair, inject
 from qmn.running.dispatcher_calls import status
 from qmn.running.network import dispatcher_of_running_network
-from topologies.chain import ChainTopo
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 from topologies.system.runs.runtime import free_port
@@ -36,7 +35,6 @@ CAPACITY = 5000
 T2_S = 1e-3
 FRAMES = 0x88B5  # EtherType
 BLOCK, LOSS_DB_PER_KM = 4000, 0.2
-IDEAL = Gates()
 QUISP = json.loads((ROOT / "labs" / "quisp" / "figures.json").read_text())
 NOISY_SWAP = "swap-F-0.9-gate-0.96-readout-0.98"
 FIDELITY = 0.92  # of each source, of Werner pairs
@@ -59,30 +57,6 @@ class SwapTopo(SdcTopo):
         if t2_s:
             parts |= {"memories": 2, "memory": Memory(t2_s=t2_s, capacity=CAPACITY)}
         self.setNodeInfo("q1", {**self.nodeInfo("q1"), **parts})
-
-
-class Line(ChainTopo):
-    """Switches that swap between alice and bob, who make pairs."""
-
-    def build(
-        self,
-        switches: int = 2,
-        fibers: int = 1,
-        *,
-        fidelity: float = 1.0,
-        noise: Gates = IDEAL,
-        **fiber: Any,
-    ) -> None:
-        """Lay it; q2 swaps by gates with this noise."""
-        super().build(switches, fibers, **fiber)
-        for host in ("alice", "bob"):
-            source = Device(source=PairSource(fidelity=fidelity))
-            self.setNodeInfo(host, {**self.nodeInfo(host), "device": source})
-        for number in range(1, switches + 1):
-            parts = {"analysers": 1, "memories": 2, "sources": 1}
-            gates = {"gates": noise, "analyser": BellAnalyser(kind="gates")} if number == 2 else {}
-            name = f"q{number}"
-            self.setNodeInfo(name, {**self.nodeInfo(name), **parts, **gates})
 
 
 class Curl:
