@@ -5,7 +5,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,14 +34,17 @@ def test_a_server_that_dies_is_told(chromium: Browser, tmp_path: Path) -> None:
     command = [sys.executable, "-c", SERVER, str(tmp_path)]
     path = os.pathsep.join(each for each in sys.path if each)
     environment = {**os.environ, "PYTHONPATH": path}
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as server:
-        assert server.stdout is not None
-        page = chromium.new_page()
-        page.goto(server.stdout.readline().strip())
-        expect(page.locator("#status")).to_have_text("live")
-        server.kill()
+    with (
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as server,
+        closing(chromium.new_page()) as page,
+    ):
+        try:
+            assert server.stdout is not None
+            page.goto(server.stdout.readline().strip())
+            expect(page.locator("#status")).to_have_text("live")
+        finally:
+            server.kill()
         expect(page.locator("#status")).to_have_text("no connection: has the network ended?")
-        page.close()
 
 
 @contextmanager
