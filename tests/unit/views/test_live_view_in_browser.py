@@ -514,7 +514,7 @@ def test_a_network_that_goes_on_can_be_paused_and_played_at_another_speed(
         begun = time.monotonic()
         page.get_by_role("button", name="play").click()
         page.wait_for_function("() => parseFloat(document.getElementById('clock').value) > 21")
-        assert 1.5 < time.monotonic() - begun < DEADLINE_MS / 1000  # 20 s at ten a second
+        assert 1.5 < time.monotonic() - begun < 30.0  # 20 s at ten a second
         page.get_by_label("speed").select_option("0.01")
         page.get_by_role("button", name="pause").click()
         page.get_by_role("button", name="latest").click()
