@@ -432,6 +432,8 @@ def _running_switch(folder: Path, controllers: int, fiber_ports: Sequence[int]) 
         for controller in switch.controllers:
             controller.accept()
             controller.agree()
+        # A bridge that stands while other tests run hears nothing from its controllers for long.
+        run("ovs-vsctl", "set", "controller", BRIDGE, "inactivity_probe=600000")
         yield switch
         if switch.agent.poll() is None:
             assert switch.end_agent() == 0, switch.log.read_text()
