@@ -44,7 +44,7 @@ async def run(config: HostConfig) -> None:
     speaking = [asyncio.create_task(announcing)]
     stopping = asyncio.create_task(stopped.wait())
     if config.device_key:
-        agent = await start_node_agent(config, stack.device, stack.seals, stack.takes_part)
+        agent = await start_node_agent(config, stack.device, stack.link_monitors, stack.takes_part)
         speaking.append(asyncio.create_task(agent.run()))
         if config.time_folder and isinstance(qnic, SimulatedQnic):
             connecting = asyncio.create_task(connect(qnic, agent.found))

@@ -16,7 +16,7 @@ from hosts.hardware.ports import link_changes, take_notices
 from hosts.middleware.device import Device, changed
 from hosts.middleware.session.errors import SessionError
 from hosts.network_loop import background_timeout
-from hosts.serving.ordered_seals import OrderedSeals
+from hosts.serving.link_monitors import LinkMonitors
 from hosts.timeouts import (
     CHECK_PERIOD_S,
     FIRST_REPORTS_S,
@@ -39,7 +39,7 @@ from wire.malformed import MalformedPacket
 from wire.metadata.header import Message
 from wire.metadata.setup import Answer
 from wire.metadata.vocabulary import Reason
-from wire.monitor_messages import GiveBack, SealOrder
+from wire.monitor_messages import MonitorCommand, PreemptMonitor
 
 log = logging.getLogger("node-agent")
 
@@ -53,14 +53,14 @@ class NodeAgent(asyncio.DatagramProtocol):
         self,
         config: HostConfig,
         device: Device,
-        seals: OrderedSeals,
+        monitors: LinkMonitors,
         takes_part: Callable[[int], bool],
     ) -> None:
         self._name = config.name
         self._background_s = config.time.background_s
         self._key = config.device_key
         self._report_to = config.report_to
-        self._device, self._seals = device, seals
+        self._device, self._monitors = device, monitors
         self._takes_part = takes_part
         self._heard = 0  # number of the last datagram that was taken
         self._number = 0
@@ -90,10 +90,10 @@ class NodeAgent(asyncio.DatagramProtocol):
             self._device.subscription = message
             self.found.set()
             self._report(message.session)
-        elif isinstance(message, SealOrder):
-            self._send(self._seals.take(message))
-        elif isinstance(message, GiveBack):
-            self._send(self._seals.give_back(message))
+        elif isinstance(message, MonitorCommand):
+            self._send(self._monitors.take(message))
+        elif isinstance(message, PreemptMonitor):
+            self._send(self._monitors.preempt(message))
         elif isinstance(message, SessionQuery):
             there = self._takes_part(message.about)
             self._send(Answer(message.session, Reason.OK if there else Reason.UNKNOWN_SESSION))
@@ -153,7 +153,7 @@ class NodeAgent(asyncio.DatagramProtocol):
     async def _pause(self) -> None:
         """Wait for the next look: for that of a device at work, or until something happens.
 
-        An alarm of a seal closes fibres, and does not wait.
+        An alarm of a link monitor closes fibres, and does not wait.
         """
         if self._device.at_work:
             with suppress(TimeoutError):
@@ -199,12 +199,12 @@ class NodeAgent(asyncio.DatagramProtocol):
 async def start_node_agent(
     config: HostConfig,
     device: Device,
-    seals: OrderedSeals,
+    monitors: LinkMonitors,
     takes_part: Callable[[int], bool],
 ) -> NodeAgent:
     """Open the port; raise OSError if it is taken. The host says in which sessions it is."""
     _transport, agent = await asyncio.get_running_loop().create_datagram_endpoint(
-        lambda: NodeAgent(config, device, seals, takes_part), sock=agent_port(config.address)
+        lambda: NodeAgent(config, device, monitors, takes_part), sock=agent_port(config.address)
     )
     return agent
 

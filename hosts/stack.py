@@ -30,7 +30,7 @@ from hosts.middleware.session.session import AcceptingSession, OpeningSession, r
 from hosts.middleware.session.values import Lifetimes
 from hosts.serving.active_sessions import ActiveSessions, Verdicts
 from hosts.serving.applications_port import ApplicationsPort
-from hosts.serving.ordered_seals import OrderedSeals
+from hosts.serving.link_monitors import LinkMonitors
 from hosts.serving.processing import (
     Attending,
     Interception,
@@ -89,8 +89,8 @@ class Stack:
         sessions = Sessions(self.request, self._opening, self.applications.expecting)
         self.unit = processing_unit(config, qnic, sessions, self._new_session)
         self.applications.unit = self.unit
-        self.seals = OrderedSeals(
-            config.name, config.address, self.request, self._opening, self.device.give_back
+        self.link_monitors = LinkMonitors(
+            config.name, config.address, self.request, self._opening, self.device.preempt
         )
 
     def _cut_off(self, cutoff_us: int | None) -> None:
@@ -217,7 +217,7 @@ class Stack:
                     await session.close()
 
     def _attending(self, channel: MetadataChannel, setup: Setup) -> Attending:
-        ordered = self.seals.expected(setup, channel.connection[0])
+        ordered = self.link_monitors.expected(setup, channel.connection[0])
         if ordered is not None:
             return ordered
         service = Service(setup.service).name.lower()

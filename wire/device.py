@@ -7,7 +7,7 @@
 controller                       node agent, UDP port DEVICE_PORT
 DeviceQuery, Subscribe, SetDevice ->
                               <-  DeviceReport: asked for, or on its own (session 0)
-SealOrder, GiveBack, SessionQuery ->
+MonitorCommand, PreemptMonitor, SessionQuery ->
                               <-  Answer to SetDevice, to orders and to SessionQuery
                               <-  SessionEstimate, on its own (wire.monitor_messages)
 
@@ -30,7 +30,7 @@ from wire.malformed import MalformedPacket
 from wire.metadata.header import HEADER, MAGIC, VERSION, Elements, Message, padded_name
 from wire.metadata.setup import Answer
 from wire.metadata.vocabulary import FEC_NAMES, Reason
-from wire.monitor_messages import GiveBack, SealOrder, SessionEstimate
+from wire.monitor_messages import MonitorCommand, PreemptMonitor, SessionEstimate
 from wire.parameters.checks import check_number
 from wire.registered import DATAGRAMS, Registry
 
@@ -194,12 +194,12 @@ class DeviceReport(Message):
     period_ms: int = 0  # the subscription in force; 0: none
     lost_ppm: int = 0
     symbol_error_ppm: int = 0
-    alarm: int = 0  # the session of the seal of this host that has ended in an alarm last
-    seal: int = 0  # the session of its seal that has ended last, whatever in
-    seal_compared: int = 0  # pairs in that
-    seal_errors: int = 0  # of these, pairs that differed
-    seal_tests: int = 0  # that found the way whole
-    seal_end: int = 0  # a Reason: OK, BUSY if its light was given back, or why it failed
+    alarm: int = 0  # the session of this host's last link monitor with an alarm
+    monitor: int = 0  # the session of its link monitor that has ended last, with or without alarm
+    monitor_compared: int = 0  # pairs in that
+    monitor_errors: int = 0  # of these, pairs that differed
+    monitor_tests: int = 0  # that found the path whole
+    monitor_end: int = 0  # a Reason: OK, BUSY if its light was given back, or why it failed
     settings: DeviceSettings = DeviceSettings()  # the overrides in force
     ports: tuple[DevicePort, ...] = ()
 
@@ -220,8 +220,8 @@ class DeviceReport(Message):
             DevicePort(padded_name(name), up) for name, up in PORT.iter_unpack(body[size:])
         )
         report = cls(session, *numbers)
-        if report.seal_end not in set(Reason):
-            raise MalformedPacket(f"DeviceReport: a seal that ended with {report.seal_end}")
+        if report.monitor_end not in set(Reason):
+            raise MalformedPacket(f"DeviceReport: a monitor that ended with {report.monitor_end}")
         return replace(report, settings=_unpack_settings(settings), ports=ports)
 
 
@@ -240,8 +240,8 @@ OWN = (
     Subscribe,
     SetDevice,
     DeviceReport,
-    SealOrder,
-    GiveBack,
+    MonitorCommand,
+    PreemptMonitor,
     SessionQuery,
     SessionEstimate,
     Answer,

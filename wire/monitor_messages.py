@@ -3,12 +3,12 @@
 node agent                   controller
 SessionEstimate ->           unasked (its session field is 0), when an estimate has changed
 
-Orders of the controller to hosts that watch idle light, in the envelope of wire.device.
+Commands of the controller to hosts that watch idle light, in the envelope of wire.device.
 
 controller                   node agents
-SealOrder                    ->  first of the host that takes part, then of the one that opens
+MonitorCommand               ->  first of the host that takes part, then of the one that opens
                              <-  Answer
-GiveBack                     ->  of the host that has opened a seal whose light a session wants
+PreemptMonitor               ->  of the opener of a link monitor whose light a session wants
                              <-  Answer
 """
 
@@ -27,13 +27,13 @@ CHANCES = ("whole_error", "fraction", "false_alarm", "missed")
 
 
 @dataclass(frozen=True)
-class SealOrder(Message):
-    """Tell a host that it opens a seal, or takes part in one, as its address says."""
+class MonitorCommand(Message):
+    """Command a host to open a link monitor, or to take part in one, by its address."""
 
     KIND = 40
     FIELDS = struct.Struct("!Q4s4sIIIdddd")
 
-    seal: int  # its session
+    monitor: int  # its session
     opener: str  # IPv4 address of the host that opens it and makes its pairs
     acceptor: str
     pairs: int  # to compare, unless there is an alarm before
@@ -50,25 +50,25 @@ class SealOrder(Message):
         return self._frame(self.FIELDS.pack(*fields))
 
     @classmethod
-    def parse(cls, session: int, body: bytes) -> "SealOrder":
+    def parse(cls, session: int, body: bytes) -> "MonitorCommand":
         raw = super().parse(session, body)
-        assert isinstance(raw, SealOrder)
+        assert isinstance(raw, MonitorCommand)
         opener, acceptor = (str(IPv4Address(getattr(raw, name))) for name in ENDS)
         if opener == acceptor:
-            raise MalformedPacket(f"SealOrder: {opener} is at both ends")
+            raise MalformedPacket(f"MonitorCommand: {opener} is at both ends")
         if not all(isfinite(getattr(raw, name)) for name in CHANCES):
-            raise MalformedPacket(f"SealOrder of {raw.seal:016x}: a chance that is not a number")
+            raise MalformedPacket(f"MonitorCommand {raw.monitor:016x}: a chance is not a number")
         return replace(raw, opener=opener, acceptor=acceptor)
 
 
 @dataclass(frozen=True)
-class GiveBack(Message):
-    """Tell a host to end a seal that it has opened: a session wants its light."""
+class PreemptMonitor(Message):
+    """Command a host to end a link monitor that it has opened: a session wants its light."""
 
     KIND = 41
     FIELDS = struct.Struct("!Q")
 
-    seal: int  # its session
+    monitor: int  # its session
 
 
 MOST = 4  # of any estimate: S of CHSH is a sum of four correlations

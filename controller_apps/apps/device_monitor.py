@@ -17,14 +17,14 @@ from logging import WARNING
 from math import ceil, inf
 from typing import Any
 
-from controller_apps.apps.host_orders import (
+from controller_apps.apps.host_commands import (
     EventAlarm,
+    EventCommand,
     EventEstimate,
     EventMonitorOver,
     EventNodeAnswered,
-    EventOrder,
     EventSessionReported,
-    HostOrders,
+    HostCommands,
     session_of,
 )
 from controller_apps.apps.ticks import Ticks
@@ -49,7 +49,7 @@ from controller_apps.packets import CONTROLLER_MAC, Frame
 from controller_apps.policy.policy import Policy
 from controller_apps.policy.reading import BadPolicy, read_policy
 from controller_apps.record import PortLines, Record
-from controller_apps.sessions.actions import HostOrder
+from controller_apps.sessions.actions import HostCommand
 from controller_apps.timeouts import DEVICE_TICK_S, SET_TIMEOUT_S
 from wire.config import ControllerConfig
 from wire.device import (
@@ -64,7 +64,7 @@ from wire.malformed import MalformedPacket
 from wire.metadata.header import Message
 from wire.metadata.setup import Answer
 from wire.metadata.vocabulary import Reason
-from wire.monitor_messages import GiveBack
+from wire.monitor_messages import PreemptMonitor
 from wire.parameters.checks import remedy
 
 POLLS_PER_S = 100  # at most, of all devices: what they do meanwhile they report by themselves
@@ -102,7 +102,7 @@ class DeviceMonitor(App):
         self._number = 0
         self._polled: dict[int | str, float] = {}  # when each device was last
         self._waiting: list[Waiting] = []
-        self._orders = HostOrders()
+        self._commands = HostCommands()
         self._silent: set[str] = set()
         self._port_lines = PortLines(self.logger)
 
@@ -125,7 +125,7 @@ class DeviceMonitor(App):
         now = self._ticks.now_s()
         self._port_lines.time_passed(now)
         self._give_up_waiting(now)
-        self._repeat_orders(self._now())
+        self._repeat_commands(self._now())
         for device in self._due(now):
             self._polled[device] = now
             if isinstance(device, int):
@@ -252,7 +252,7 @@ class DeviceMonitor(App):
             return
         if report.alarm:
             self.send_event(METADATA, EventAlarm(report.alarm, host, state.place))
-        if report.sealed:
+        if report.monitor_ended:
             self.send_event(METADATA, EventMonitorOver(host, state.place.address, state.report))
         if report.answer is not None:
             self._order_answered(state.place.address, report.answer)
@@ -262,35 +262,35 @@ class DeviceMonitor(App):
             for message in self.hosts.due(host):
                 self._send(host, message(self._next_number()))
 
-    @on(EventOrder)
+    @on(EventCommand)
     def ordered(self, event: Any) -> None:
         """Tell or ask a host something about a session, until it has answered."""
-        order = event.order
-        self._orders.add(order.node, self._numbered(order.message), self._now())
-        self._send_orders()
+        command = event.command
+        self._commands.add(command.node, self._numbered(command.message), self._now())
+        self._send_commands()
 
-    def _numbered(self, message: HostOrder) -> HostOrder:
+    def _numbered(self, message: HostCommand) -> HostCommand:
         return replace(message, session=self._next_number())
 
     def _order_answered(self, node: str, answer: Answer) -> None:
-        order = self._orders.answered(node, answer.session)
-        if order is None or isinstance(order, GiveBack):
-            return  # a seal may have ended before its order
-        event = EventSessionReported if isinstance(order, SessionQuery) else EventNodeAnswered
-        self.send_event(METADATA, event(session_of(order), node, Reason(answer.reason)))
+        command = self._commands.answered(node, answer.session)
+        if command is None or isinstance(command, PreemptMonitor):
+            return  # a link monitor may have ended before the command
+        event = EventSessionReported if isinstance(command, SessionQuery) else EventNodeAnswered
+        self.send_event(METADATA, event(session_of(command), node, Reason(answer.reason)))
 
-    def _repeat_orders(self, now: float) -> None:
-        for node, order in self._orders.give_up(now):
-            session = session_of(order)
+    def _repeat_commands(self, now: float) -> None:
+        for node, command in self._commands.give_up(now):
+            session = session_of(command)
             self.logger.warning("%s has not answered its order for %016x", node, session)
-        self._send_orders()
+        self._send_commands()
 
-    def _send_orders(self) -> None:
+    def _send_commands(self) -> None:
         """Send what is not answered yet to those who have been heard; others may be, soon."""
         hosts = {state.place.address: host for host, state in self.hosts.states.items()}
-        for node, order in self._orders.due():
+        for node, command in self._commands.due():
             if node in hosts:
-                self._send(hosts[node], order)
+                self._send(hosts[node], command)
 
     @on(EventQuestion)
     def asked(self, question: Any) -> None:

@@ -122,7 +122,7 @@ class Journal:
 
     def alarm(self, session: int, host: str, place: Place, links: Links, closed: bool) -> None:
         watched = names_of(links)
-        text = f"{host}: alarm of its seal {session:016x} on {watched}"
+        text = f"{host}: alarm of its link monitor {session:016x} on {watched}"
         self._lines.add(place.at, text, self._clock(), WARNING)
         self._record.write(
             "alarm", session=f"{session:016x}", host=host, watched=watched, closed=closed
@@ -131,14 +131,14 @@ class Journal:
     def monitor_over(self, host: str, report: DeviceReport, links: Links) -> None:
         self._record.write(
             "watched",
-            session=f"{report.seal:016x}",
+            session=f"{report.monitor:016x}",
             host=host,
             watched=names_of(links),
-            compared=report.seal_compared,
-            errors=report.seal_errors,
-            tests_whole=report.seal_tests,
-            alarm=report.alarm == report.seal,
-            end=Reason(report.seal_end).name,
+            compared=report.monitor_compared,
+            errors=report.monitor_errors,
+            tests_whole=report.monitor_tests,
+            alarm=report.alarm == report.monitor,
+            end=Reason(report.monitor_end).name,
         )
 
     def estimate(self, host: str, estimate: SessionEstimate) -> None:

@@ -11,12 +11,12 @@ from itertools import count
 from math import inf
 from typing import Any
 
-from controller_apps.apps.host_orders import (
+from controller_apps.apps.host_commands import (
     EventAlarm,
+    EventCommand,
     EventEstimate,
     EventMonitorOver,
     EventNodeAnswered,
-    EventOrder,
     EventSessionReported,
 )
 from controller_apps.apps.journal import Journal
@@ -54,11 +54,11 @@ from controller_apps.policy.reading import DEFAULT, BadPolicy, read_policy, requ
 from controller_apps.record import Record
 from controller_apps.sessions.actions import (
     Action,
+    Command,
     Drop,
     Forget,
     Keep,
     Note,
-    Order,
 )
 from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.arbiter import Arbiter
@@ -84,7 +84,7 @@ class EventTick(Event):
 
 
 class EventWatchTick(Event):
-    """The next seal may be due."""
+    """The next link monitor may be due."""
 
 
 class EventInstantOver(Event):
@@ -187,7 +187,7 @@ class QuantumMetadata(App):
             Drop: self.journal.drop,
             Keep: self._keep,
             Forget: lambda action: self.state.forget_session(action.session),
-            Order: lambda action: self._tell_monitor(EventOrder(action)),
+            Command: lambda action: self._tell_monitor(EventCommand(action)),
         }
 
     def _do(self, actions: list[Action]) -> None:
@@ -382,7 +382,7 @@ class QuantumMetadata(App):
 
     @on(EventNodeAnswered)
     def node_answered(self, event: EventNodeAnswered) -> None:
-        """Report the answer of a link monitor's host to an order."""
+        """Report the answer of a link monitor's host to a command."""
         session, node, reason = event.session, event.node, event.reason
         self._do(self.idle.node_answered(session, node, reason, self._now()))
 
@@ -406,7 +406,7 @@ class QuantumMetadata(App):
     @on(EventMonitorOver)
     def monitor_over(self, event: EventMonitorOver) -> None:
         """Record the result of a link monitor, from the host that opened it alone."""
-        number = event.report.seal
+        number = event.report.monitor
         if self.monitors.is_of(number, event.address):
             links = self.monitors.watched(number, event.address)
             self.journal.monitor_over(event.host, event.report, links)

@@ -62,8 +62,8 @@ class Report:
     host: str
     changed: bool = False
     first: bool = False
-    alarm: int = 0  # the session of a seal that has found somebody since the last report
-    sealed: bool = False  # whether another seal of this host is over since then
+    alarm: int = 0  # the session of a link monitor with an alarm since the last report
+    monitor_ended: bool = False  # whether another link monitor of this host has ended since then
     answer: Answer | None = None
     estimate: SessionEstimate | None = None
 
@@ -92,8 +92,8 @@ class Hosts:
             changed = state is None or _facts(state.report) != _facts(message)
             before = state.report.alarm if state is not None else 0
             alarm = message.alarm if message.alarm != before else 0
-            sealed = message.seal not in (0, state.report.seal if state is not None else 0)
-            return Report(host, changed, state is None, alarm, sealed)
+            ended = message.monitor not in (0, state.report.monitor if state is not None else 0)
+            return Report(host, changed, state is None, alarm, ended)
         if state is None or not isinstance(message, Answer | SessionEstimate):
             raise MalformedPacket(f"{host} sent {type(message).__name__} unasked")
         state.number, state.heard, state.place = datagram.number, now, place

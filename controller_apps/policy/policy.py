@@ -8,7 +8,7 @@ from wire.device import DeviceSettings
 
 MAX_WATCHES = 256
 BLOCK_PAIRS = 1024
-BLOCKS_PER_S = 10  # at least: a seal gives its light back between two blocks
+BLOCKS_PER_S = 10  # at least: a link monitor gives its light back between two blocks
 # The host's own ranges (applications.sealing) and no more than a watch may take.
 RANGES: dict[str, tuple[float, float]] = {
     "every_s": (0.2, 86_400.0),
@@ -27,7 +27,9 @@ class Watch:
 
     between: tuple[str, str]
     over: frozenset[str] = frozenset()  # switches whose fibre is to be on the way; empty: any way
-    every_s: float = 10.0  # of the network, from the end of one seal to the beginning of the next
+    every_s: float = (
+        10.0  # of the network, from the end of one monitor to the beginning of the next
+    )
     pairs: int = 2000  # to compare
     rate_hz: int = 100_000
     whole_error: float = 0.01  # part of the pairs that differ without an intruder, at most
@@ -159,7 +161,7 @@ class Policy:
     closed: frozenset[frozenset[str]] = frozenset()  # pairs of switches, by their names
     names_elements: bool = True  # to hosts that are refused light
     trusted: tuple[Trusted, ...] = ()  # with keys of others; without: nobody is
-    alarm: str = TELL  # what the alarm of a seal does
+    alarm: str = TELL  # the effect of a link monitor's alarm
     watches: tuple[Watch, ...] = ()  # of light that is idle
     metadata_at_switch: str | None = None  # which networks are laid for; None: as their option says
 

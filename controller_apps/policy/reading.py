@@ -25,7 +25,7 @@ between = ["q1", "q2"]
 [[watch]]                   # the way between these two is watched while no session has its light:
 between = ["alice", "bob"]  # pairs are made by the first
 over = ["q1", "q2"]         # the fibre that is to be on the way; left out: by any way that is idle
-every_s = 10.0              # of the network, from the end of one seal to the next
+every_s = 10.0              # of the network, from the end of one link monitor to the next
 pairs = 2000                # compared by each
 rate_hz = 100_000           # pairs a second
 whole_error = 0.01          # of these differ at most without an intruder
@@ -33,7 +33,7 @@ fraction = 0.25             # of the photons that an intruder to be found measur
 false_alarm = 1e-6          # of a test, at most
 missed = 0.01               # chance at most that a test takes such an intruder for nobody
 
-[seal]                      # when a seal finds somebody on its way,
+[seal]                      # when a link monitor finds an eavesdropper,
 alarm = "close"             # that is closed until the policy is read again; "tell": it is not
 
 [[trusted]]                 # a host that may relay keys of others, and so may know them

@@ -10,9 +10,9 @@ from controller_apps.sessions.holders import Ends, Holder
 from controller_apps.sessions.sessions import Request
 from wire.analyser_frames import AnalyserFrame, Emission, Receivers
 from wire.device import SessionQuery
-from wire.monitor_messages import GiveBack, SealOrder
+from wire.monitor_messages import MonitorCommand, PreemptMonitor
 
-HostOrder = SealOrder | GiveBack | SessionQuery
+HostCommand = MonitorCommand | PreemptMonitor | SessionQuery
 
 
 @dataclass(frozen=True)
@@ -121,11 +121,11 @@ class Forget:
 
 
 @dataclass(frozen=True)
-class Order:
+class Command:
     """Tell or ask a host's node agent something, until it has answered."""
 
     node: str  # address
-    message: HostOrder  # without the number of the request
+    message: HostCommand  # without the number of the request
 
 
 @dataclass(frozen=True)
@@ -153,4 +153,4 @@ class Drop:
 
 Programming = OpenPaths | Emit | KeepPulses | ClosePaths
 SwitchAction = Forward | Flood | Programming | AddBypass | RemoveBypass | CountBypass
-Action = SwitchAction | Keep | Forget | Order | Note | Drop
+Action = SwitchAction | Keep | Forget | Command | Note | Drop

@@ -1,10 +1,10 @@
-"""Light that nobody uses as a sensor: seals that the controller itself begins.
+"""Unused light as a sensor: link monitors that the controller itself begins.
 
     due --acceptor, then opener obey--> the opener's session --over--> due every_s later
      |  `--refusal, silence---------------------------------^
      `--light is in use, or wanted, or there is none--> looked at again
 
-Orders go to node agents, sealed as all that the controller tells hosts. No socket, no clock.
+Commands go to node agents, sealed as all messages of the controller to hosts. No socket, no clock.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,15 +14,15 @@ from math import inf
 from controller_apps.light.paths import Network, directions
 from controller_apps.packets import FiveTuple
 from controller_apps.policy.policy import Watch
-from controller_apps.sessions.actions import Action, Note, Order
+from controller_apps.sessions.actions import Action, Command, Note
 from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.sessions import Sessions
-from controller_apps.timeouts import DISCOVERY_S, QUEUE_LOOK_S, SEAL_BEGIN_S
+from controller_apps.timeouts import DISCOVERY_S, MONITOR_BEGIN_S, QUEUE_LOOK_S
 from wire.device import DEVICE_PORT
 from wire.metadata.header import METADATA_PORT
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Handshake, Reason
-from wire.monitor_messages import SealOrder
+from wire.monitor_messages import MonitorCommand
 from wire.optical import ANY_WAVELENGTH
 from wire.services import MONITORS
 
@@ -33,7 +33,7 @@ Find = Callable[[Setup, FiveTuple], Admission]
 
 @dataclass
 class Begun:
-    """A seal that has been ordered."""
+    """A link monitor that the controller has requested."""
 
     watch: Watch
     number: int  # of its session
@@ -54,7 +54,7 @@ class WhyNot:
 
 @dataclass
 class IdleLight:
-    """Which seals are due, and which have begun."""
+    """The link monitors that are due, and those that have begun."""
 
     network: Network
     sessions: Sessions
@@ -66,20 +66,20 @@ class IdleLight:
     _waiting: set[Watch] = field(default_factory=set)  # for light that others have
 
     def follow(self, watches: Sequence[Watch], now: float) -> None:
-        """Watch these from now on; seals that have begun are left to end."""
+        """Watch these from now on; link monitors that have begun go on to their end."""
         self._due = {watch: self._due.get(watch, now) for watch in watches}
         self._why_not.clear()
         self._waiting.clear()
 
     @property
     def next_s(self) -> float:
-        """Return when the next seal is due; nobody knows when others give their light back."""
+        """Return when the next link monitor is due; sessions give light back at unknown times."""
         begun = {begun.watch for begun in self._begun.values()}
         free = self._due.keys() - begun - self._waiting
         return min((self._due[watch] for watch in free), default=inf)
 
     def ordered(self, setup: Setup, connection: FiveTuple) -> bool:
-        """Tell whether a set-up is of a seal that was ordered, between the hosts that were."""
+        """Return whether a set-up is of a requested link monitor, between its hosts."""
         begun = self._begun.get(setup.session)
         return (
             begun is not None
@@ -123,9 +123,9 @@ class IdleLight:
             reason = f"{light.reason.name}: {light.detail}" if light.detail else light.reason.name
             return self._unwatched(watch, reason, now)
         self._why_not.pop(watch, None)
-        self._begun[number] = Begun(watch, number, opener, acceptor, now + SEAL_BEGIN_S)
+        self._begun[number] = Begun(watch, number, opener, acceptor, now + MONITOR_BEGIN_S)
         note = Note("watch", number, detail=str(watch))
-        return [note, Order(acceptor, _order(self._begun[number]))]
+        return [note, Command(acceptor, _command(self._begun[number]))]
 
     def _is_wanted(self, light: Admission) -> bool:
         """Tell whether a session waits for some of this light."""
@@ -156,10 +156,10 @@ class IdleLight:
         if node != begun.acceptor or begun.heeded:
             return []
         begun.heeded = True
-        return [Order(begun.opener, _order(begun))]
+        return [Command(begun.opener, _command(begun))]
 
     def over(self, number: int, now: float) -> None:
-        """Note that the session of a seal has ended, or was refused."""
+        """Note that the session of a link monitor has ended, or was refused."""
         begun = self._begun.pop(number, None)
         self.sessions.over.pop(number, None)
         if begun is not None and begun.watch in self._due:
@@ -182,11 +182,11 @@ def _setup(watch: Watch, number: int, opener: str) -> Setup:
     )
 
 
-def _order(begun: Begun) -> SealOrder:
+def _command(begun: Begun) -> MonitorCommand:
     watch = begun.watch
-    return SealOrder(
+    return MonitorCommand(
         session=0,
-        seal=begun.number,
+        monitor=begun.number,
         opener=begun.opener,
         acceptor=begun.acceptor,
         pairs=watch.pairs,

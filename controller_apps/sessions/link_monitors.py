@@ -19,10 +19,10 @@ from dataclasses import dataclass, field
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop, Network
-from controller_apps.sessions.actions import Action, Note, Order
+from controller_apps.sessions.actions import Action, Command, Note
 from controller_apps.sessions.sessions import Request, Session, Sessions
 from controller_apps.timeouts import PREEMPTION_S
-from wire.monitor_messages import GiveBack
+from wire.monitor_messages import PreemptMonitor
 from wire.services import MONITORS
 
 Links = frozenset[frozenset[str]]  # pairs of switches, by their names
@@ -98,7 +98,7 @@ class Preempted:
         if monitor.number in self._since:
             return []
         self._since[monitor.number] = now
-        request = Order(monitor.owner.source, GiveBack(0, monitor.number))
+        request = Command(monitor.owner.source, PreemptMonitor(0, monitor.number))
         return [Note("wanted", monitor.number), request]
 
     def late(self, now: float) -> list[Session]:

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 
 from controller_apps.light.paths import directions
 from controller_apps.packets import FiveTuple
-from controller_apps.sessions.actions import Action, Order, RemoveBypass
+from controller_apps.sessions.actions import Action, Command, RemoveBypass
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.sessions import Session, Sessions
 from controller_apps.timeouts import ASKED_S, DISCOVERY_S, HELD_UP_S, NODE_TIMEOUT_S
@@ -61,7 +61,7 @@ class Enquiries:
                 owner = enquiry.session.owner
                 waited = now - enquiry.begun >= HELD_UP_S
                 enquiry.asked, enquiry.node = now, owner.destination if waited else owner.source
-                actions.append(Order(enquiry.node, SessionQuery(0, number)))
+                actions.append(Command(enquiry.node, SessionQuery(0, number)))
         return actions
 
     def reported(self, number: int, node: str, reason: Reason) -> Session | None:

@@ -131,7 +131,7 @@ class Counted(Protocol):
 class Opened(Counted, Protocol):
     """A session that this host has asked for."""
 
-    def give_back(self) -> None:
+    def preempt(self) -> None:
         """End soon, if it watches a way."""
 
 
@@ -144,7 +144,7 @@ class Device:
     settings: DeviceSettings = field(default_factory=DeviceSettings)
     subscription: Subscribe = field(default_factory=lambda: Subscribe(0, 0, 0, 0))
     changed: Callable[[], None] = lambda: None  # called when more than counts may have changed
-    alarmed: Callable[[], None] = lambda: None  # called when a seal has found somebody
+    alarmed: Callable[[], None] = lambda: None  # called at the alarm of a link monitor
     cut_off: Callable[[int | None], None] = lambda _us: None  # the memory; None: by its own default
     # Have the compensator look from now on at this interval; None: at its own.
     compensate: Callable[[int | None], None] = lambda _s: None
@@ -153,7 +153,7 @@ class Device:
     _serving: int = 0
     _ended: Counter[str] = field(default_factory=Counter)
     _in_use: dict[str, int] = field(default_factory=dict)
-    _seal: dict[str, int] = field(default_factory=dict)  # the last one, as DeviceReport names it
+    _monitor: dict[str, int] = field(default_factory=dict)  # the last one, as DeviceReport names it
     _estimates: Estimates = field(default_factory=Estimates)
 
     @property
@@ -191,16 +191,16 @@ class Device:
         with self._counting(session, self._opened):
             yield
 
-    def give_back(self, seal: int) -> bool:
-        """End a seal that this host has opened, between two blocks; tell whether there is one."""
-        seals = [
+    def preempt(self, monitor: int) -> bool:
+        """End a link monitor of this host between two blocks; return whether one was open."""
+        monitors = [
             session
             for session in self._opened
-            if session.setup.session == seal and session.setup.service in MONITORS
+            if session.setup.session == monitor and session.setup.service in MONITORS
         ]
-        for session in seals:
-            session.give_back()
-        return bool(seals)
+        for session in monitors:
+            session.preempt()
+        return bool(monitors)
 
     @contextmanager
     def accepts(self, session: Counted) -> Iterator[None]:
@@ -219,15 +219,15 @@ class Device:
             self._ended.update(session.counts)
             self._note_estimates(session, over=True)
             if session.watched is not None:
-                self._sealed(session.setup.session, session.watched)
+                self._monitor_over(session.setup.session, session.watched)
             self.changed()
 
-    def _sealed(self, session: int, watched: Watched) -> None:
+    def _monitor_over(self, session: int, watched: Watched) -> None:
         figures = watched.compared, watched.errors, watched.tests, watched.ended
-        names = "seal_compared", "seal_errors", "seal_tests", "seal_end"
-        self._seal |= {"seal": session, **dict(zip(names, figures, strict=True))}
+        names = "monitor_compared", "monitor_errors", "monitor_tests", "monitor_end"
+        self._monitor |= {"monitor": session, **dict(zip(names, figures, strict=True))}
         if watched.alarm:
-            self._seal["alarm"] = session
+            self._monitor["alarm"] = session
             self.alarmed()
 
     @contextmanager
@@ -262,7 +262,7 @@ class Device:
             ports=self.read_ports(),
             **counts,
             **self._in_use,
-            **self._seal,
+            **self._monitor,
         )
 
     def new_estimates(self) -> list[SessionEstimate]:
@@ -296,8 +296,8 @@ def changed(before: DeviceReport, now: DeviceReport) -> bool:
 def _facts(report: DeviceReport) -> tuple[object, ...]:
     sessions = report.sending, report.receiving, report.serving
     subscription = report.period_ms, report.lost_ppm, report.symbol_error_ppm
-    seals = report.alarm, report.seal
-    return sessions, subscription, seals, report.settings, report.ports
+    monitors = report.alarm, report.monitor
+    return sessions, subscription, monitors, report.settings, report.ports
 
 
 def _exceeds(part: int, whole: int, ppm: int) -> bool:

@@ -31,7 +31,7 @@ ENUMS: Enums = MappingProxyType(
         "verdict": Verdict,
         "rotation": Pauli,
         "reason": Reason,
-        "seal_end": Reason,
+        "monitor_end": Reason,
         "topic": Topic,
         "quantity": Quantity,
     }

@@ -48,7 +48,7 @@ class Carrier:
 
 
 class Watched(NamedTuple):
-    """Findings of a seal, as reported to the controller."""
+    """Findings of a link monitor, as reported to the controller."""
 
     compared: int  # pairs
     errors: int  # of these, pairs that differed

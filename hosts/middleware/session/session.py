@@ -92,7 +92,7 @@ class OpeningSession(Session):
     def watched(self) -> Watched | None:
         return self._end.watched if self._end else None
 
-    def give_back(self) -> None:
+    def preempt(self) -> None:
         """End soon, if it watches a way: a session wants its light."""
         self._wanted_back = True
         if self._end is not None:

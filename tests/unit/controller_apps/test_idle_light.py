@@ -16,15 +16,15 @@ from controller_apps.light.paths import Hop, Network
 from controller_apps.packets import FiveTuple
 from controller_apps.policy.policy import Watch
 from controller_apps.policy.reading import BadPolicy, parse_policy, require_network
-from controller_apps.sessions.actions import Action, Note, Order
+from controller_apps.sessions.actions import Action, Command, Note
 from controller_apps.sessions.admission import Admission, find_light
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.idle_light import MOST_AT_ONCE, IdleLight
-from controller_apps.timeouts import DISCOVERY_S, SEAL_BEGIN_S
+from controller_apps.timeouts import DISCOVERY_S, MONITOR_BEGIN_S
 from wire.metadata.header import METADATA_PORT
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason, Service
-from wire.monitor_messages import SealOrder
+from wire.monitor_messages import MonitorCommand
 
 WATCH = Watch(("alice", "bob"), every_s=10.0, pairs=2000, rate_hz=5000, false_alarm=1e-9)
 SEAL = replace(FRAMED, service=Service["SEAL"], source=ALICE)
@@ -32,7 +32,7 @@ KEYS = replace(FRAMED, service=Service["BB84"], session=8)
 
 
 def idle(state: Arbiter, *watches: Watch) -> IdleLight:
-    """Return what watches the idle light of an arbiter; the first seal is session 1000."""
+    """Return what watches the idle light of an arbiter; the first link monitor is session 1000."""
 
     def find(setup: Setup, connection: FiveTuple) -> Admission:
         return find_light(setup, connection, state.sessions, state.network, state.terms.budget_mdb)
@@ -44,7 +44,7 @@ def idle(state: Arbiter, *watches: Watch) -> IdleLight:
 
 
 def orders(actions: Iterable[Action]) -> list[tuple[str, Any]]:
-    return [(each.node, each.message) for each in actions if isinstance(each, Order)]
+    return [(each.node, each.message) for each in actions if isinstance(each, Command)]
 
 
 def begin(state: Arbiter, light: IdleLight, number: int, now: float) -> list[Action]:
@@ -69,7 +69,7 @@ def end(state: Arbiter, light: IdleLight, number: int, now: float) -> None:
 def test_the_acceptor_is_told_first_and_the_opener_when_it_has_answered() -> None:
     light = idle(arbiter(), WATCH)
     begun = light.tick(0.0)
-    order = SealOrder(0, 1000, ALICE, BOB, 2000, 500, 5000, 0.01, 0.25, 1e-9, 0.01)
+    order = MonitorCommand(0, 1000, ALICE, BOB, 2000, 500, 5000, 0.01, 0.25, 1e-9, 0.01)
     assert orders(begun) == [(BOB, order)]
     assert noted(begun) == ["watch"]
     assert not light.tick(0.2)
@@ -89,7 +89,7 @@ def test_seals_follow_each_other_as_often_as_the_policy_says() -> None:
     end(state, light, 1000, 31.0)
     assert light.next_s == 41.0
     assert not light.tick(40.9)
-    assert orders(light.tick(41.0))[0][1].seal == 1001
+    assert orders(light.tick(41.0))[0][1].monitor == 1001
 
 
 @pytest.mark.parametrize("answer", [Reason.UNSUPPORTED, None])
@@ -97,7 +97,7 @@ def test_a_host_that_does_not_obey_is_asked_again_later(answer: Reason | None) -
     light, now = idle(arbiter(), WATCH), 1.0
     light.tick(0.0)
     if answer is None:
-        now = SEAL_BEGIN_S
+        now = MONITOR_BEGIN_S
         assert not light.tick(now)
     else:
         told = light.node_answered(1000, BOB, answer, now)

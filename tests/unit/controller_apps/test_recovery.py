@@ -28,13 +28,13 @@ from controller_apps.sessions.actions import (
     Action,
     AddBypass,
     ClosePaths,
+    Command,
     Drop,
     Forget,
     Forward,
     Keep,
     Note,
     OpenPaths,
-    Order,
     RemoveBypass,
 )
 from controller_apps.sessions.arbiter import Arbiter
@@ -95,7 +95,7 @@ def successor(*data: bytes, now: float = RESTART, switches: bool = True) -> Arbi
 
 def ticked(state: Arbiter, now: float) -> list[Action]:
     """Return what is due but for questions to hosts, which say nothing here."""
-    return [action for action in state.tick(now) if not isinstance(action, Order)]
+    return [action for action in state.tick(now) if not isinstance(action, Command)]
 
 
 def confirmed() -> Arbiter:
@@ -109,7 +109,7 @@ def confirmed() -> Arbiter:
 
 def asked(state: Arbiter, now: float) -> list[tuple[str, object]]:
     """Return what hosts are asked now."""
-    return [(each.node, each.message) for each in state.tick(now) if isinstance(each, Order)]
+    return [(each.node, each.message) for each in state.tick(now) if isinstance(each, Command)]
 
 
 def entries(number: int = FRAMED.session) -> list[tuple[int, Hop | None]]:

@@ -10,14 +10,14 @@ from controller_apps.light.paths import Hop, HostPort, Network
 from controller_apps.packets import parse_segment
 from controller_apps.policy.policy import CLOSE, TELL
 from controller_apps.policy.reading import BadPolicy, parse_policy, require_network
-from controller_apps.sessions.actions import Action, ClosePaths, Forward, Note, OpenPaths, Order
+from controller_apps.sessions.actions import Action, ClosePaths, Command, Forward, Note, OpenPaths
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.link_monitors import LinkMonitors
 from controller_apps.timeouts import PREEMPTION_S
 from wire.metadata.decoding import decode
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason, Service
-from wire.monitor_messages import GiveBack
+from wire.monitor_messages import PreemptMonitor
 
 SEAL = replace(FRAMED, service=Service["SEAL"], source=ALICE)
 KEYS = replace(FRAMED, service=Service["BB84"], session=8)
@@ -57,7 +57,7 @@ def test_a_session_waits_for_the_light_of_a_seal_where_others_are_refused() -> N
     grant(state, watching)
     waiting = ask(state, KEYS, 40001)
     assert noted(waiting) == ["queued", "wanted"]
-    assert Order(ALICE, GiveBack(0, SEAL.session)) in waiting
+    assert Command(ALICE, PreemptMonitor(0, SEAL.session)) in waiting
     length = len(SEAL.encode())
     fin = frame(sport=40000, seq=100 + length, flags="FA", destination=BOB)
     over = state.segment_arrived(S1, 1, fin, 1.0)
@@ -75,7 +75,7 @@ def test_a_seal_that_came_while_a_session_waited_for_others_is_told_to_end_too()
     grant(state, state.segment_arrived(S1, 3, segment, 0.0))
     fin = frame(sport=40000, seq=100 + len(KEYS.encode()), flags="FA", destination=BOB)
     over = state.segment_arrived(S1, 1, fin, 1.0)
-    assert Order(CHARLIE, GiveBack(0, 10)) in over
+    assert Command(CHARLIE, PreemptMonitor(0, 10)) in over
 
 
 def test_a_seal_that_is_not_given_back_is_torn_down() -> None:
@@ -103,9 +103,9 @@ def test_only_seals_in_the_way_are_told_to_end_and_once() -> None:
     segment = frame(other.encode(), sport=40005, source=CHARLIE, destination=ALICE)
     grant(state, state.segment_arrived(S1, 3, segment, 0.0))
     assert len(state.sessions.by_number) == 2
-    orders = [each for each in ask(state, KEYS, 40001) if isinstance(each, Order)]
-    assert orders == [Order(ALICE, GiveBack(0, SEAL.session))]
-    assert not [each for each in state.tick(0.3) if isinstance(each, Order)]
+    orders = [each for each in ask(state, KEYS, 40001) if isinstance(each, Command)]
+    assert orders == [Command(ALICE, PreemptMonitor(0, SEAL.session))]
+    assert not [each for each in state.tick(0.3) if isinstance(each, Command)]
 
 
 def test_a_session_does_not_wait_for_another() -> None:

@@ -261,7 +261,7 @@ async def network(
     ports: dict[str, int] = PORTS,
     stacks: dict[str, Stack] | None = None,
     told: bool = True,
-    looking: bool = False,
+    state_inspection: bool = False,
     **fiber: Any,
 ) -> AsyncIterator[Path]:
     """Run everything; the sockets of the stacks are in the folder, the stacks in `stacks`.
@@ -280,7 +280,7 @@ async def network(
         switches=[QuantumSwitch("q1", rotation=rotation, paths=list(optics))],
         devices={"bob": Device(analyser=BellAnalyser(analyser)), **(devices or {})},
         backend=backend,
-        looking=looking,
+        state_inspection=state_inspection,
     )
     errors: list[BaseException] = []
     cut = Cut()

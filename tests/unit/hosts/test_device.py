@@ -19,7 +19,7 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import overridden
 from hosts.middleware.session.session import OpeningSession
 from hosts.node_agent import start_node_agent
-from hosts.serving.ordered_seals import OrderedSeals
+from hosts.serving.link_monitors import LinkMonitors
 from hosts.timeouts import CHECK_PERIOD_S
 from wire.config import HostConfig
 from wire.device import (
@@ -37,7 +37,7 @@ from wire.device import (
 from wire.metadata.header import Message
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import Fec, Handshake, Reason, Service
-from wire.monitor_messages import GiveBack, Quantity, SealOrder, SessionEstimate
+from wire.monitor_messages import MonitorCommand, PreemptMonitor, Quantity, SessionEstimate
 
 KEY = "00112233445566778899aabbccddeeff"
 SETUP = Setup(7, Service.SDC, Handshake.FRAMED, "10.0.0.3", 65_536, 256, 50_000_000)
@@ -55,7 +55,7 @@ class Session:
     wanted_back: bool = False
     summary: dict[str, Any] = field(default_factory=dict)
 
-    def give_back(self) -> None:
+    def preempt(self) -> None:
         self.wanted_back = True
 
 
@@ -143,26 +143,31 @@ def test_the_alarm_of_a_seal_is_told_when_it_is_over_and_stays() -> None:
         before = device.report()
         assert before.alarm == 0
     told = device.report()
-    assert (told.alarm, told.seal, told.seal_compared) == (9, 9, 65)
-    assert (told.seal_errors, told.seal_tests, told.seal_end) == (13, 4, Reason.OK)
+    assert (told.alarm, told.monitor, told.monitor_compared) == (9, 9, 65)
+    assert (told.monitor_errors, told.monitor_tests, told.monitor_end) == (13, 4, Reason.OK)
     assert changed(replace(before, sending=0), told)
     later = replace(watching, session=10)
     for other in (sending(1), Session({}, later, Watched(8, 0, 0, False, Reason.BUSY))):
         with device.opens(other):
             pass
     told = device.report()
-    assert (told.alarm, told.seal, told.seal_compared, told.seal_end) == (9, 10, 8, Reason.BUSY)
+    assert (told.alarm, told.monitor, told.monitor_compared, told.monitor_end) == (
+        9,
+        10,
+        8,
+        Reason.BUSY,
+    )
 
 
 def test_a_seal_that_runs_here_is_given_back_and_nothing_else() -> None:
     device = Device(Fibers())
     seal, other = Session({}, replace(SETUP, session=9, service=Service["SEAL"])), sending(1)
     with device.opens(seal), device.opens(other):
-        assert not device.give_back(10)
-        assert not device.give_back(other.setup.session)
-        assert device.give_back(9)
+        assert not device.preempt(10)
+        assert not device.preempt(other.setup.session)
+        assert device.preempt(9)
     assert (seal.wanted_back, other.wanted_back) == (True, False)
-    assert not device.give_back(9)  # which is over
+    assert not device.preempt(9)  # which is over
 
 
 def test_counts_alone_are_no_change_but_ports_and_settings_are() -> None:
@@ -239,7 +244,7 @@ async def agent(device: Device, request: Request | None = None) -> AsyncIterator
     transport, peer = await loop.create_datagram_endpoint(
         Peer, local_addr=(CONTROLLER, DEVICE_PORT)
     )
-    seals = OrderedSeals("bob", HOST, request or nothing, device.opens, device.give_back)
+    seals = LinkMonitors("bob", HOST, request or nothing, device.opens, device.preempt)
     node = await start_node_agent(config, device, seals, lambda session: session == LIVING)
     running = asyncio.create_task(node.run())
     try:
@@ -284,7 +289,7 @@ def test_the_agent_answers_is_set_and_reports_changes() -> None:
     network_loop.run(scene())
 
 
-def test_the_agent_takes_orders_for_seals() -> None:
+def test_the_agent_takes_commands_for_link_monitors() -> None:
     asked: list[tuple[dict[str, Any], int]] = []
 
     def request(fields: dict[str, Any], number: int) -> OpeningSession:
@@ -294,8 +299,10 @@ def test_the_agent_takes_orders_for_seals() -> None:
     async def scene() -> None:
         async with agent(Device(Fibers()), request=request) as peer:
             await peer.next()
-            order = SealOrder(45, 7, HOST, "10.0.0.9", 200, 100, 5000, 0.01, 0.25, 1e-6, 0.02)
-            peer.send(order, time.time_ns())
+            command = MonitorCommand(
+                45, 7, HOST, "10.0.0.9", 200, 100, 5000, 0.01, 0.25, 1e-6, 0.02
+            )
+            peer.send(command, time.time_ns())
             assert await peer.next() == Answer(45, Reason.UNSUPPORTED, "none in this test")
             ((fields, number),) = asked
             assert number == 7
@@ -308,7 +315,7 @@ def test_the_agent_takes_orders_for_seals() -> None:
             chances = [fields[name] for name in ("whole_error", "fraction", "false_alarm")]
             assert chances == [0.01, 0.25, 1e-6]
             assert fields["missed"] == 0.02
-            peer.send(GiveBack(46, 7), time.time_ns())
+            peer.send(PreemptMonitor(46, 7), time.time_ns())
             assert await peer.next() == Answer(46, Reason.UNKNOWN_SESSION)
 
     network_loop.run(scene())

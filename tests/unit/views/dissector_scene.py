@@ -26,7 +26,7 @@ from wire.metadata.header import HEADER, Message
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.values import Envelope, Topic, Values
 from wire.metadata.vocabulary import Handshake, Reason, Service, Verdict
-from wire.monitor_messages import GiveBack, Quantity, SealOrder, SessionEstimate
+from wire.monitor_messages import MonitorCommand, PreemptMonitor, Quantity, SessionEstimate
 from wire.outcomes import Pauli
 
 SEED = 7
@@ -93,11 +93,11 @@ REPORT = DeviceReport(
     lost_ppm=16,
     symbol_error_ppm=17,
     alarm=19,
-    seal=20,
-    seal_compared=21,
-    seal_errors=22,
-    seal_tests=23,
-    seal_end=Reason.BUSY,
+    monitor=20,
+    monitor_compared=21,
+    monitor_errors=22,
+    monitor_tests=23,
+    monitor_end=Reason.BUSY,
     settings=SETTINGS,
     ports=(DevicePort("alice-q0", True), DevicePort("alice-q1", False)),
 )
@@ -105,8 +105,10 @@ DEVICES: list[Message] = [
     DeviceQuery(1),
     Subscribe(2, 3, 4, 5),
     SetDevice(3, SETTINGS),
-    SealOrder(8, 1 << 63, "10.0.0.1", "10.0.0.2", 2000, 1024, 100_000, 0.5, 0.25, 0.125, 0.0625),
-    GiveBack(9, 7),
+    MonitorCommand(
+        8, 1 << 63, "10.0.0.1", "10.0.0.2", 2000, 1024, 100_000, 0.5, 0.25, 0.125, 0.0625
+    ),
+    PreemptMonitor(9, 7),
     SessionQuery(10, 8),
     SessionEstimate(0, 8, Quantity.FIDELITY, 0.875, 0.75, 0.9375),
     REPORT,

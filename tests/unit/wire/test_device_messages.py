@@ -34,7 +34,7 @@ from wire.malformed import MalformedPacket
 from wire.metadata.header import HEADER, Message
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import Reason
-from wire.monitor_messages import GiveBack, Quantity, SealOrder, SessionEstimate
+from wire.monitor_messages import MonitorCommand, PreemptMonitor, Quantity, SessionEstimate
 
 KEY, OTHER_KEY = "00112233445566778899aabbccddeeff", "ff" * 16
 HOST, CONTROLLER = Datagram.FROM_HOST, Datagram.FROM_CONTROLLER
@@ -77,7 +77,7 @@ GOLDEN = {
     "0a000003 00000003" + "7361652d616c696365" + "00" * 55 + "776562" + "00" * 61,
     KeyRoute(8, 1, 5, (Hop("10.0.0.1"), Hop("10.0.0.9", b"\x07" * 16))): "514d 05 27 00000044"
     "0000000000000008 0000000000000001 00000005 0a000001" + "00" * 16 + "0a000009" + "07" * 16,
-    SealOrder(10, 7, "10.0.0.1", "10.0.0.2", 2000, 1024, 100_000, 0.5, 0.25, 0.125, 0.0625): (
+    MonitorCommand(10, 7, "10.0.0.1", "10.0.0.2", 2000, 1024, 100_000, 0.5, 0.25, 0.125, 0.0625): (
         "514d 05 28 0000004c 000000000000000a 0000000000000007 0a000001 0a000002"
         "000007d0 00000400 000186a0"
         "3fe0000000000000 3fd0000000000000 3fc0000000000000 3fb0000000000000"
@@ -85,7 +85,7 @@ GOLDEN = {
     SessionQuery(12, 7): "514d 05 2a 00000018 000000000000000c 0000000000000007",
     SessionEstimate(0, 7, Quantity.CHSH, 2.5, 2.25, 2.75): "514d 05 2b 00000031 0000000000000000"
     "0000000000000007 03 4004000000000000 4002000000000000 4006000000000000",
-    GiveBack(11, 7): "514d 05 29 00000018 000000000000000b 0000000000000007",
+    PreemptMonitor(11, 7): "514d 05 29 00000018 000000000000000b 0000000000000007",
     REPORT: "514d 05 23 000000bf 0000000000000005 0001 0002 0003"
     "00000000000003e8 00000000000007d0 0000000000000bb8"
     "0000000000000028 0000000000000032 000000000000003c"
@@ -149,9 +149,9 @@ def test_another_key_and_the_other_direction_are_refused() -> None:
         SetDevice(1, DeviceSettings(fec=256)),
         SetDevice(1, DeviceSettings(interleave=2)),
         SetDevice(1, DeviceSettings(wavelength_pm=10)),
-        SealOrder(1, 7, "10.0.0.1", "10.0.0.1", 1, 1, 1, 0.1, 0.1, 0.1, 0.1),
-        SealOrder(1, 7, "10.0.0.1", "10.0.0.2", 1, 1, 1, 0.1, 0.1, nan, 0.1),
-        SealOrder(1, 7, "10.0.0.1", "10.0.0.2", 1, 1, 1, 0.1, 0.1, 0.1, -inf),
+        MonitorCommand(1, 7, "10.0.0.1", "10.0.0.1", 1, 1, 1, 0.1, 0.1, 0.1, 0.1),
+        MonitorCommand(1, 7, "10.0.0.1", "10.0.0.2", 1, 1, 1, 0.1, 0.1, nan, 0.1),
+        MonitorCommand(1, 7, "10.0.0.1", "10.0.0.2", 1, 1, 1, 0.1, 0.1, 0.1, -inf),
         SessionEstimate(0, 7, 0, 0.5, 0.4, 0.6),
         SessionEstimate(0, 7, 5, 0.5, 0.4, 0.6),
         SessionEstimate(0, 7, Quantity.QBER, nan, 0.4, 0.6),
@@ -160,7 +160,7 @@ def test_another_key_and_the_other_direction_are_refused() -> None:
         SessionEstimate(0, 7, Quantity.FIDELITY, 0.5, 0.6, 0.7),
         SessionEstimate(0, 7, Quantity.CHSH, 4.5, 4.4, 4.6),
         replace(REPORT, ports=(DevicePort("q", True),) * (MAX_PORTS + 1)),
-        replace(REPORT, seal_end=200),
+        replace(REPORT, monitor_end=200),
         replace(REPORT, ports=(DevicePort("", True),)),
         replace(REPORT, ports=(DevicePort("\n", True),)),
         KeyLinks(1, (LinkState("10.0.0.2", 0, 0, 1, 0),) * (MAX_LINKS + 1)),

@@ -101,8 +101,8 @@ local function check_size(kind, size)
     return nil
 end
 
--- Returns why an order for a seal cannot be, or nil.
-local function check_seal(values, fields, range)
+-- Returns why a command for a link monitor is refused, or nil.
+local function check_monitor(values, fields, range)
     local at = {}
     for _, field in ipairs(fields) do at[field.name] = range:range(field.offset, field.size) end
     if at.opener:uint() == at.acceptor:uint() then return "one host at both ends" end
@@ -132,7 +132,7 @@ local function add_body(tree, kind, range)
     problem = unnamed(plain, values) or check_names(plain, range)
     if kind.name == "Answer" then problem = problem or check_answer(values) end
     if kind.name == "SessionEstimate" then problem = problem or check_estimate(values) end
-    if kind.name == "SealOrder" then problem = problem or check_seal(values, plain, range) end
+    if kind.name == "MonitorCommand" then problem = problem or check_monitor(values, plain, range) end
     if settings then
         local place = range:range(settings.offset, settings.size)
         problem = problem or add_settings(tree, place)

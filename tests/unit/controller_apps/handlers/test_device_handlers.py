@@ -15,11 +15,11 @@ from scapy.layers.l2 import Ether
 from scapy.packet import Packet
 
 from controller_apps.apps.device_monitor import DeviceMonitor
-from controller_apps.apps.host_orders import (
+from controller_apps.apps.host_commands import (
     EventAlarm,
+    EventCommand,
     EventEstimate,
     EventMonitorOver,
-    EventOrder,
     EventSessionReported,
 )
 from controller_apps.console.questions import EventQuestion, Refused
@@ -28,7 +28,7 @@ from controller_apps.openflow.framework import ofp_event, ofproto, parser
 from controller_apps.packets import Frame
 from controller_apps.policy.policy import Policy
 from controller_apps.record import Record
-from controller_apps.sessions.actions import Order
+from controller_apps.sessions.actions import Command
 from controller_apps.timeouts import NODE_TIMEOUT_S, SET_TIMEOUT_S
 from wire.config import ControllerConfig
 from wire.device import (
@@ -47,7 +47,7 @@ from wire.device import (
 from wire.metadata.header import Message
 from wire.metadata.setup import Answer
 from wire.metadata.vocabulary import Reason
-from wire.monitor_messages import GiveBack, Quantity, SealOrder, SessionEstimate
+from wire.monitor_messages import MonitorCommand, PreemptMonitor, Quantity, SessionEstimate
 from wire.optical import ALL_VALID, TUNABLE, PortLight, PortOptics
 
 KEYS = {"alice": "aa" * 16, "bob": "bb" * 16}
@@ -135,8 +135,8 @@ def test_an_app_is_not_woken_for_packets_of_others(scene: Scene) -> None:
     assert queued.qsize() == 1
 
 
-SEAL = SealOrder(0, 7, ALICE, "10.0.0.2", 2000, 1000, 100_000, 0.01, 0.25, 1e-6, 0.01)
-ORDER = EventOrder(Order(ALICE, SEAL))
+SEAL = MonitorCommand(0, 7, ALICE, "10.0.0.2", 2000, 1000, 100_000, 0.01, 0.25, 1e-6, 0.01)
+ORDER = EventCommand(Command(ALICE, SEAL))
 
 
 def answers(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int, str, Reason]]:
@@ -184,10 +184,10 @@ def test_a_refused_order_is_told_to_the_one_that_asked_for_it(
 
 def test_a_node_that_is_heard_in_time_gets_its_order_then(scene: Scene) -> None:
     scene.monitor.ordered(ORDER)
-    assert not any(isinstance(message, SealOrder) for message in scene.datagrams())
+    assert not any(isinstance(message, MonitorCommand) for message in scene.datagrams())
     scene.says(SET)
     scene.tick(0.1)
-    assert any(isinstance(message, SealOrder) for message in scene.datagrams())
+    assert any(isinstance(message, MonitorCommand) for message in scene.datagrams())
 
 
 def test_an_order_that_nobody_answers_is_given_up(scene: Scene) -> None:
@@ -195,7 +195,7 @@ def test_an_order_that_nobody_answers_is_given_up(scene: Scene) -> None:
     scene.monitor.ordered(ORDER)
     scene.datagrams()
     scene.tick(NODE_TIMEOUT_S)
-    assert not any(isinstance(message, SealOrder) for message in scene.datagrams())
+    assert not any(isinstance(message, MonitorCommand) for message in scene.datagrams())
 
 
 def test_a_seal_is_ordered_and_its_answer_told_to_the_one_that_asked_for_it(
@@ -204,20 +204,20 @@ def test_a_seal_is_ordered_and_its_answer_told_to_the_one_that_asked_for_it(
     told = answers(scene, monkeypatch)
     scene.says(SET)
     scene.datagrams()
-    scene.monitor.ordered(EventOrder(Order(ALICE, SEAL)))
+    scene.monitor.ordered(EventCommand(Command(ALICE, SEAL)))
     (order,) = scene.datagrams()
     assert order.session > 0
     assert order == replace(SEAL, session=order.session)
     scene.says(Answer(order.session, Reason.OK))
     assert told == [("QuantumMetadata", 7, ALICE, Reason.OK)]
-    scene.monitor.ordered(EventOrder(Order(ALICE, GiveBack(0, 7))))
+    scene.monitor.ordered(EventCommand(Command(ALICE, PreemptMonitor(0, 7))))
     (back,) = scene.datagrams()
-    assert back == GiveBack(back.session, 7)
+    assert back == PreemptMonitor(back.session, 7)
     assert back.session != order.session
     scene.says(Answer(back.session, Reason.UNKNOWN_SESSION))  # it was over already
     assert len(told) == 1
     scene.tick(0.1)
-    assert not any(isinstance(message, GiveBack) for message in scene.datagrams())
+    assert not any(isinstance(message, PreemptMonitor) for message in scene.datagrams())
 
 
 def test_what_a_host_says_of_a_session_is_told_as_that(
@@ -225,7 +225,7 @@ def test_what_a_host_says_of_a_session_is_told_as_that(
 ) -> None:
     told: list[Any] = []
     monkeypatch.setattr(scene.monitor, "send_event", lambda _app, event: told.append(event))
-    scene.monitor.ordered(EventOrder(Order(ALICE, SessionQuery(0, 7))))
+    scene.monitor.ordered(EventCommand(Command(ALICE, SessionQuery(0, 7))))
     scene.says(SET)  # it was not heard before
     scene.datagrams()
     scene.tick(0.1)
@@ -241,7 +241,9 @@ def test_what_a_seal_has_found_is_told_once(scene: Scene, monkeypatch: pytest.Mo
     told: list[tuple[str, Any]] = []
     monkeypatch.setattr(scene.monitor, "send_event", lambda app, event: told.append((app, event)))
     scene.says(SET)
-    report = replace(SET, seal=7, seal_compared=65, seal_errors=13, seal_tests=4, alarm=7)
+    report = replace(
+        SET, monitor=7, monitor_compared=65, monitor_errors=13, monitor_tests=4, alarm=7
+    )
     for _again in range(2):
         scene.says(report)
     (_app, alarm), (app, over) = told

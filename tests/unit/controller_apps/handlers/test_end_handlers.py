@@ -29,7 +29,7 @@ from metadata_scene import (
     payload_of,
 )
 
-from controller_apps.apps.host_orders import EventEstimate
+from controller_apps.apps.host_commands import EventEstimate
 from controller_apps.openflow.framework import ofproto, parser
 from wire.metadata.decoding import decode
 from wire.metadata.header import METADATA_PORT

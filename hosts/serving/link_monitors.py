@@ -1,9 +1,9 @@
-"""Seals that the controller has this host open, or take part in, on light that is idle.
+"""Link monitors that the controller has this host open, or take part in, on idle light.
 
-node agent --order--> opener: a session of its own, without an application
+node agent --command--> opener: a session of its own, without an application
                       acceptor: takes part in the session of that number, from that opener
 
-Only the controller can order: datagrams of others do not come as far (wire.device).
+Only the controller sends commands: datagrams of others do not come as far (wire.device).
 """
 
 import asyncio
@@ -22,27 +22,27 @@ from hosts.timeouts import UNUSED_S
 from wire.device import DEVICE_PORT
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import Reason
-from wire.monitor_messages import GiveBack, SealOrder
+from wire.monitor_messages import MonitorCommand, PreemptMonitor
 from wire.services import MONITORS
 
-log = logging.getLogger("ordered-seals")
+log = logging.getLogger("link-monitors")
 
-MAX_ORDERS = 256  # that are remembered
+MAX_COMMANDS = 256  # that are remembered
 
 
 class NoApplication:
-    """In the place of an application: nobody here waits for what a seal finds."""
+    """In the place of an application: no program here waits for a link monitor."""
 
     async def tell(self, **_fields: Any) -> None:
         """Go on."""
 
     async def deliver(self, _data: bytes) -> None:
         """Refuse bytes: the service has none."""
-        raise SessionError(Reason.PROTOCOL, "bytes in a seal")
+        raise SessionError(Reason.PROTOCOL, "bytes for a link monitor")
 
     async def ready(self, _summary: dict[str, Any], _answer: Answerer) -> None:
         """Refuse questions: the service leaves nothing to ask about."""
-        raise SessionError(Reason.PROTOCOL, "a seal leaves nothing to ask about")
+        raise SessionError(Reason.PROTOCOL, "a link monitor leaves nothing to ask about")
 
     async def finish(self, _summary: dict[str, Any]) -> None:
         """Know that it is over."""
@@ -51,8 +51,8 @@ class NoApplication:
         """Know why it is over; the stack logs it."""
 
 
-class OrderedSeals:
-    """The orders that this host has, and what it does about them."""
+class LinkMonitors:
+    """The link monitors of this host, by command of the controller."""
 
     def __init__(
         self,
@@ -64,22 +64,22 @@ class OrderedSeals:
     ) -> None:
         self._name, self._address = name, address
         self._request, self._opening, self._end = request, opening, end
-        self._answered: dict[int, tuple[Reason, str]] = {}  # by seal: orders are sent again
-        self._expected: dict[int, str] = {}  # seals, and the address that opens each
+        self._answered: dict[int, tuple[Reason, str]] = {}  # by monitor: commands are sent again
+        self._expected: dict[int, str] = {}  # monitors, and the address that opens each
         self._open: set[asyncio.Task[None]] = set()
 
-    def take(self, order: SealOrder) -> Answer:
-        """Carry out an order, once; return the reply to the controller."""
-        if order.seal not in self._answered:
-            self._answered[order.seal] = self._obey(order)
-            if len(self._answered) > MAX_ORDERS:
+    def take(self, command: MonitorCommand) -> Answer:
+        """Carry out a command, once; return the reply to the controller."""
+        if command.monitor not in self._answered:
+            self._answered[command.monitor] = self._obey(command)
+            if len(self._answered) > MAX_COMMANDS:
                 del self._answered[next(iter(self._answered))]
-        return Answer(order.session, *self._answered[order.seal])
+        return Answer(command.session, *self._answered[command.monitor])
 
-    def give_back(self, order: GiveBack) -> Answer:
-        """End a seal, because a session wants its light; return the reply to the controller."""
-        there = self._end(order.seal)
-        return Answer(order.session, Reason.OK if there else Reason.UNKNOWN_SESSION)
+    def preempt(self, command: PreemptMonitor) -> Answer:
+        """End a monitor whose light a session wants; return the reply to the controller."""
+        there = self._end(command.monitor)
+        return Answer(command.session, Reason.OK if there else Reason.UNKNOWN_SESSION)
 
     def expected(self, setup: Setup, opener: str) -> NoApplication | None:
         """Return the application of a session that the controller announced, once."""
@@ -88,18 +88,18 @@ class OrderedSeals:
         del self._expected[setup.session]
         return NoApplication()
 
-    def _obey(self, order: SealOrder) -> tuple[Reason, str]:
-        if order.acceptor == self._address:
-            self._expected[order.seal] = order.opener
-            housekeeping_later(UNUSED_S, partial(self._expected.pop, order.seal, None))
+    def _obey(self, command: MonitorCommand) -> tuple[Reason, str]:
+        if command.acceptor == self._address:
+            self._expected[command.monitor] = command.opener
+            housekeeping_later(UNUSED_S, partial(self._expected.pop, command.monitor, None))
             return Reason.OK, ""
-        if order.opener != self._address:
-            return Reason.NOT_ALLOWED, f"{self._address} is at no end of the seal"
+        if command.opener != self._address:
+            return Reason.NOT_ALLOWED, f"{self._address} is at no end of the link monitor"
         try:
-            session = self._request(_fields(order, self._name), order.seal)
+            session = self._request(_fields(command, self._name), command.monitor)
         except SessionError as error:
             return error.reason, str(error)
-        task = asyncio.create_task(self._watch(session), name=f"seal {order.seal:016x}")
+        task = asyncio.create_task(self._watch(session), name=f"monitor {command.monitor:016x}")
         self._open.add(task)
         task.add_done_callback(self._open.discard)
         return Reason.OK, ""
@@ -116,21 +116,21 @@ class OrderedSeals:
                 finally:
                     await session.close()
         except (SessionError, HardwareError) as error:
-            log.warning("seal %016x: %s", session.setup.session, error)
+            log.warning("link monitor %016x: %s", session.setup.session, error)
 
 
-def _fields(order: SealOrder, opener: str) -> dict[str, Any]:
-    """Return the request that an order stands for, of an opener that is given by its name."""
+def _fields(command: MonitorCommand, opener: str) -> dict[str, Any]:
+    """Return the request of a command; the opener is named."""
     return {
         "service": "seal",
-        "host": order.acceptor,
+        "host": command.acceptor,
         "port": DEVICE_PORT,
         "source": opener,
-        "count": order.pairs,
-        "block_pairs": order.block_pairs,
-        "rate_hz": order.rate_hz,
-        "whole_error": order.whole_error,
-        "fraction": order.fraction,
-        "false_alarm": order.false_alarm,
-        "missed": order.missed,
+        "count": command.pairs,
+        "block_pairs": command.block_pairs,
+        "rate_hz": command.rate_hz,
+        "whole_error": command.whole_error,
+        "fraction": command.fraction,
+        "false_alarm": command.false_alarm,
+        "missed": command.missed,
     }

@@ -11,7 +11,7 @@ import pytest
 from handlers_scene import UNFILTERED, Scene
 from metadata_scene import ALICE, BOB, FRAMED, S1, frame, payload_of
 
-from controller_apps.apps.host_orders import EventAlarm, EventMonitorOver, EventNodeAnswered
+from controller_apps.apps.host_commands import EventAlarm, EventMonitorOver, EventNodeAnswered
 from controller_apps.console.questions import EventQuestion
 from controller_apps.devices.hosts_state import Place
 from controller_apps.openflow.framework import ofproto
@@ -54,11 +54,11 @@ def test_a_seal_is_begun_by_the_policy_and_what_it_finds_recorded(
 ) -> None:
     sent = watching(ready, tmp_path / "policy.toml", monkeypatch)
     ((app, event),) = sent
-    number = event.order.message.seal
-    assert (app, event.order.node) == ("DeviceMonitor", BOB)
+    number = event.command.message.monitor
+    assert (app, event.command.node) == ("DeviceMonitor", BOB)
     assert last(ready, "watch")["session"] == f"{number:016x}"
     ready.quantum.node_answered(EventNodeAnswered(number, BOB, Reason.OK))
-    assert sent[-1][1].order.node == ALICE
+    assert sent[-1][1].command.node == ALICE
 
     seal = replace(FRAMED, service=Service["SEAL"], source=ALICE, session=number)
     ready.packet_in(ready.s1, 1, frame(seal.encode()))
@@ -76,7 +76,9 @@ def test_a_seal_is_begun_by_the_policy_and_what_it_finds_recorded(
     assert last(ready, "torn_down")["detail"] == "FIN"
     assert not ready.quantum.idle.ordered(seal, connection)
 
-    report = DeviceReport(0, seal=number, seal_compared=2010, seal_errors=3, seal_tests=9)
+    report = DeviceReport(
+        0, monitor=number, monitor_compared=2010, monitor_errors=3, monitor_tests=9
+    )
     ready.quantum.monitor_over(EventMonitorOver("bob", BOB, report))  # who has not opened it
     assert "watched" not in [fact["event"] for fact in ready.recorded()]
     ready.quantum.monitor_over(EventMonitorOver("alice", ALICE, report))
@@ -123,7 +125,7 @@ def test_an_alarm_of_a_seal_whose_light_was_taken_says_nothing(
     place = Place(S1, 1, b"", ALICE)
     ready.quantum.monitor_alarmed(EventAlarm(seal.session, "alice", place))
     assert last(ready, "alarm")["closed"] is False
-    alarm = f"alice: alarm of its seal {seal.session:016x} on []"
+    alarm = f"alice: alarm of its link monitor {seal.session:016x} on []"
     caplog.clear()
     caplog.set_level(logging.INFO, logger=ready.quantum.logger.name)
     for _ in range(20):  # its host may repeat itself, and each time it is recorded
