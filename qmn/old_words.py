@@ -33,12 +33,13 @@ WITH_VALUE = (
 RENAMED = {"handed-over": "fidelity-age", "pairs-made": "overhead", "spied-pairs": "eavesdropping"}
 WITHOUT_VALUE = ("--stations", "--both-ways")
 # Other options of these verbs.
-OPTIONS: Mapping[str, tuple[str, str]] = {
+OPTIONS: Mapping[str, tuple[str, ...]] = {
     "--capture": ("--captures", "full"),
     "--no-capture": ("--captures", "none"),
     "--no-events": ("--without", "events"),
     "--no-record": ("--without", "record"),
     "--no-report": ("--without", "report"),
+    "--no-looking": ("--no-state-inspection",),
 }
 
 

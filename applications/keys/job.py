@@ -94,7 +94,7 @@ def run(request: KeysRequest, signals: Signals, console: Console) -> int:
             managers = start_key_managers(network, service)
             introduce(console, managers)
             noted = time_series_of(network, managers.programs, console)
-            kept.moments = noted.all
+            kept.time_series = noted.all
             watch(network, noted, eve, waits, request.seconds)
             kept.asking = summary = time_series.summary(noted.all, noted.now_s)
         facts.delivered = summary.keys > 0

@@ -71,13 +71,13 @@ class TimeSeries:
         self._tell(happened)
 
 
-def sessions(moments: Iterable[Moment]) -> list[SessionMoment]:
-    return [each for each in moments if isinstance(each, SessionMoment) and each.opened]
+def sessions(series: Iterable[Moment]) -> list[SessionMoment]:
+    return [each for each in series if isinstance(each, SessionMoment) and each.opened]
 
 
-def summary(moments: Iterable[Moment], elapsed_s: float) -> StoredKeyFigures:
+def summary(series: Iterable[Moment], elapsed_s: float) -> StoredKeyFigures:
     """Return the numbers of a run that has made keys."""
-    held = sessions(moments)
+    held = sessions(series)
     rates = [each.qber for each in held if each.qber is not None]
     keys = sum(each.keys for each in held)
     return StoredKeyFigures(

@@ -53,7 +53,9 @@ class Application:
 
 
 def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
-    description = describe_network(replace(request.network, looking=request.looking))
+    description = describe_network(
+        replace(request.network, state_inspection=request.state_inspection)
+    )
     request = with_machines(request, description.hosts)
     application = checked(request, description.hosts)
     description = description.paced_for(*request.run.against_steps)

@@ -36,7 +36,7 @@ class NetqasmRequest:
     rounds: int = option(
         1, "number of rounds, one after the other (1)", metavar="N", range=(1, 1_000_000)
     )
-    looking: bool = option(
+    state_inspection: bool = option(
         True, "programs may not look at states (get_qubit_state)", recorded=False
     )
     network: NetworkOptions

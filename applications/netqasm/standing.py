@@ -28,7 +28,7 @@ def planned(
         NetqasmRequest,
         options,
         path=path,
-        looking=of_network.looking,  # for all programs
+        state_inspection=of_network.state_inspection,  # for all programs
         network=of_network,
         run=RunOptions(runs=folder),
     )

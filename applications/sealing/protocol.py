@@ -72,7 +72,7 @@ class Watch:
     ) -> None:
         """Begin with nothing seen; `wanted_back` tells whether a session wants the light."""
         self._side, self._options, self._wanted_back = side, options, wanted_back
-        self.given_back = False
+        self.preempted = False
         self._elapsed_s = 0.0
         self._test = SequentialTest(options.question)
         self._blocks = self._emitted = self._dark = 0
@@ -99,7 +99,7 @@ class Watch:
         began_s = yield Now()
         while not self._test.alarm and self._test.compared < self._options.count:
             if self._wanted_back():
-                self.given_back = True
+                self.preempted = True
                 return
             yield from self._look()
             self._elapsed_s = (yield Now()) - began_s
@@ -151,7 +151,7 @@ class Watch:
         ]
         return SealFigures(
             alarm=test.alarm,
-            given_back=self.given_back,
+            preempted=self.preempted,
             compared=test.compared,
             emitted=self._emitted,
             error_rate=errors / compared if compared else None,

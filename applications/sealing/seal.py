@@ -26,7 +26,7 @@ async def watch(end: OpenerEnd, options: SealOptions) -> None:
     ended = Reason.PROTOCOL
     try:
         await end.perform(seen.run())
-        ended = Reason.BUSY if seen.given_back else Reason.OK
+        ended = Reason.BUSY if seen.preempted else Reason.OK
     except SessionError as error:
         ended = error.reason
         raise

@@ -154,7 +154,7 @@ def use_network(
         )
     watched = {host: managers.programs[host] for host in ends}
     noted = time_series_of(network, watched, context.console)
-    kept.moments = noted.all
+    kept.time_series = noted.all
     tunnel = start_tunnel(network, ends, request.rotate, request.lifetime, request.program)
     for host, program in zip(ends, tunnel.programs[:2], strict=True):
         noted.listen(host, program)
@@ -208,12 +208,12 @@ def watch(
         time.sleep(POLL_S)
 
 
-def hindrance(all_moments: Sequence[Moment], until_s: float) -> str:
+def hindrance(series: Sequence[Moment], until_s: float) -> str:
     """Return what has kept a tunnel from its file until now, or what to do."""
-    last = next(reversed(time_series.sessions(all_moments)), None)
+    last = next(reversed(time_series.sessions(series)), None)
     if last is not None and last.event == "failed":
         return f"no keys, as {last.host}'s last session failed: {last.text}"
-    closed = closed_s(all_moments, until_s)
+    closed = closed_s(series, until_s)
     return f"the tunnel was closed for {closed:.1f} s; give it more --seconds"
 
 
@@ -233,10 +233,10 @@ def counted(noted: TimeSeries, moved: MovedFile, file: Path) -> TunnelFigures:
     )
 
 
-def closed_s(all_moments: Iterable[Moment], until_s: float) -> float:
+def closed_s(series: Iterable[Moment], until_s: float) -> float:
     """Return for how long one end had closed the tunnel, after it was open first."""
     closed, since_s, total_s = set[str](), 0.0, 0.0  # hosts
-    for moment in all_moments:
+    for moment in series:
         if isinstance(moment, ClosedMoment):
             since_s = since_s if closed else moment.at
             closed.add(moment.host)

@@ -1,6 +1,6 @@
 """Light of link monitors that sessions want: a monitor ends, or loses its light.
 
-wanted --GiveBack to the opener--> over between two blocks, its light free
+wanted --PreemptMonitor to the opener--> over between two blocks, its light free
                                    `--PREEMPTION_S--> torn down
 
 No photon of a monitor is under way then, which another path could turn. No socket, no clock.

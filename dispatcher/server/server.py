@@ -110,9 +110,9 @@ def build_service(config: DispatcherConfig, layer: PhysicalLayer, failed: Failed
     """Return the service for the layer; it calls `failed` with unexpected errors."""
     callers = Callers(config.tokens, layer.network.switches.keys())
     if config.metrics_fd is None:
-        return Service(layer, callers, failed, config.looking)
+        return Service(layer, callers, failed, config.state_inspection)
 
-    return MeasuredService(layer, callers, failed, config.looking)
+    return MeasuredService(layer, callers, failed, config.state_inspection)
 
 
 @asynccontextmanager
@@ -249,9 +249,9 @@ def _private(paths: Iterable[str]) -> Iterator[None]:
 
 class MeasuredService(Service):
     def __init__(
-        self, layer: PhysicalLayer, callers: Callers, failed: Failed, looking: bool = False
+        self, layer: PhysicalLayer, callers: Callers, failed: Failed, state_inspection: bool = False
     ) -> None:
-        super().__init__(layer, callers, failed, looking)
+        super().__init__(layer, callers, failed, state_inspection)
         self.registry = CollectorRegistry()
         self.registry.register(CurrentMetrics(self))
         self._seconds = Histogram(

@@ -182,10 +182,10 @@ def call(
 
 class Service(DispatcherServicer):
     def __init__(
-        self, layer: PhysicalLayer, callers: Callers, failed: Failed, looking: bool = False
+        self, layer: PhysicalLayer, callers: Callers, failed: Failed, state_inspection: bool = False
     ) -> None:
         """Serve this layer; call `failed` with any error that is not a refusal."""
-        self.looking = looking
+        self.state_inspection = state_inspection
         self.callers, self.failed = callers, failed
         self.layer = layer
         self.table = RequestTable(layer, failed)
@@ -250,7 +250,7 @@ class Service(DispatcherServicer):
         self, request: messages.LookRequest, node: str, _context: Context
     ) -> messages.LookReply:
         self.callers.require_host(node)
-        if not self.looking:
+        if not self.state_inspection:
             raise denied("no state can be looked at in this network, as in none of hardware")
         return cast(messages.LookReply, await self.change(node, "look", request))
 

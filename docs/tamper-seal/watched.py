@@ -63,7 +63,7 @@ def watch(network: QuantumNetwork, opener: str, acceptor: str) -> str:
             return "at work"
         other.result(LONGEST_S)
     found = asking.summary
-    if found["given_back"]:
+    if found["preempted"]:
         say(f"{opener} to {acceptor}: light given back to a session")
         return "at work"
     verdict = "ALARM" if found["alarm"] else "whole"

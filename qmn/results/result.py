@@ -61,7 +61,7 @@ def emulation(
 
 
 def note_controller(facts: RunResult, lines: list[dict[str, Any]]) -> None:
-    """Add sessions, path set-up times (ms), packet-ins and seals from the controller's record."""
+    """Add sessions, set-up times (ms), packet-ins and monitors from the controller's record."""
     times = [line["setup_ms"] for line in lines if line["event"] == "path_ready"]
     counts = [line["packet_in_count"] for line in lines if "packet_in_count" in line]
     facts.sessions, facts.copies = sessions(lines), copies(lines)
@@ -100,8 +100,8 @@ def _watched(lines: list[dict[str, Any]]) -> WatchedLight:
     over = [line for line in lines if line["event"] == "watched"]
     alarms = [line for line in lines if line["event"] == "alarm"]
     return WatchedLight(
-        seals=len(over),
-        given_back=sum(line["end"] == Reason.BUSY.name for line in over),
+        monitors=len(over),
+        preempted=sum(line["end"] == Reason.BUSY.name for line in over),
         compared=sum(line["compared"] for line in over),
         errors=sum(line["errors"] for line in over),
         alarms=len(alarms),
@@ -114,7 +114,7 @@ def watched_light(seen: WatchedLight | None) -> dict[str, str]:
         return {}
     closed = f", closed: {' '.join(seen.closed)}" if seen.closed else ""
     pairs = f"{seen.compared:,} pairs, {seen.errors:,} of them wrong"
-    return {"seals": f"{seen.seals} over {pairs}, alarms: {seen.alarms}{closed}"}
+    return {"link monitors": f"{seen.monitors} over {pairs}, alarms: {seen.alarms}{closed}"}
 
 
 def percentiles(times: list[float]) -> SetUpTimes:

@@ -25,7 +25,14 @@ from wire.results import schema
 from wire.results.run_result import RESULT
 from wire.results.schema import Schema
 
-RENAMED = {"switch_swap": "swap"}  # services of earlier results
+# Services and fields of earlier results.
+RENAMED = {"switch_swap": "swap"}
+FIELDS = {
+    "given_back": "preempted",
+    "looking": "state_inspection",
+    "moments": "time_series",
+    "seals": "monitors",
+}
 COMMON, OF_JOB = "parameters of every job", "parameters of "
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -95,7 +102,7 @@ def read_left(folder: Path) -> NetworkResult:
 
 def of_either_kind(given: Any) -> NetworkResult:
     """Return the result of a run or of a network; raise MalformedPacket for anything else."""
-    head = schema.head_of(given)
+    given, head = _renamed(given), schema.head_of(given)
     if missing := [name for name in (*BESIDE, "parameters") if name not in given]:
         raise MalformedPacket(f"the result has no {', '.join(missing)}")
     return read_run(given) if head.service is not None else _read_network(given)
@@ -105,7 +112,7 @@ def read_run(given: dict[str, Any]) -> RunResult:
     """Return the result of a run as decoded JSON says it; raise MalformedPacket for others."""
     from qmn.requests.kinds import KEPT, job_of
 
-    given = {**given, "service": RENAMED.get(given["service"], given["service"])}
+    given = _renamed({**given, "service": RENAMED.get(given["service"], given["service"])})
     head, known = schema.head_of(given), {name: given.get(name) for name in (*BESIDE, "backend")}
     kept = KEPT.get(job_of(head.service or "", head.job))
     if kept is None:
@@ -113,6 +120,16 @@ def read_run(given: dict[str, Any]) -> RunResult:
         raise MalformedPacket(f"unknown service {service!r}: {remedy(service, KEPT)}")
     asked = kept.read(head.parameters, **known)
     return typed_json.read(RunResult, {**given, "parameters": asked})
+
+
+def _renamed(given: Any, depth: int = 1) -> Any:
+    """Return fields of a result, and of its parts, by the names of today."""
+    if not isinstance(given, dict):
+        return given
+    return {
+        FIELDS.get(name, name): _renamed(part, depth - 1) if depth > 0 or name == "asking" else part
+        for name, part in given.items()
+    }
 
 
 def _read_network(given: dict[str, Any]) -> NetworkResult:

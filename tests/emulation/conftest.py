@@ -47,7 +47,7 @@ STANDS: dict[str, tuple[Callable[[], Topo], dict[str, Any]]] = {
     "ring_network": (TurningRingTopo, {}),
     "chain_network": (Crossing, {}),
     "queueing_network": (SdcTopo, {"contention": "queue"}),
-    "netqasm_network": (TappedTopo, {"looking": True}),
+    "netqasm_network": (TappedTopo, {"state_inspection": True}),
     "keys_network": (SdcTopo, {"contention": "queue", "rest": "127.0.0.1:8181"}),
 }
 # Further steps of the start of such a network.

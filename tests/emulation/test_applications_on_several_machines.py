@@ -154,7 +154,7 @@ def test_a_tunnel_between_machines_closes_while_eve_listens_and_the_file_arrives
     assert told["tunnel_closed_s"] > 0
     hosts = result["machines"]["m2"]["hosts"]
     assert [f"{host}=m2" for host in hosts] == sorted(places)
-    alarms = [each for each in result["job"]["moments"] if each["event"] == "alarm"]
+    alarms = [each for each in result["job"]["time_series"] if each["event"] == "alarm"]
     assert alarms
     assert all(abs(each["qber"] - 0.15) < 5 * (0.15 * 0.85 / 1200) ** 0.5 for each in alarms)
     alice, bob = (

@@ -206,9 +206,9 @@ def test_a_switch_looks_for_its_controller_every_second(tmp_path: Path) -> None:
         (c0,) = network.net.controllers
         first = "tcp[tcpflags] == tcp-syn and dst port 6653"
         tcpdump = ["tcpdump", "-i", "c0-s1", "-n", "-l", "-tt", "-c", "8", first]
-        with c0.popen(tcpdump, text=True, stderr=subprocess.DEVNULL) as looking:
+        with c0.popen(tcpdump, text=True, stderr=subprocess.DEVNULL) as capture:
             kill(network)
-            came = [float(line.split()[0]) for line in looking.stdout]
+            came = [float(line.split()[0]) for line in capture.stdout]
     assert len(came) == 8
     assert median(later - earlier for earlier, later in pairwise(came)) < 1.5, came
 

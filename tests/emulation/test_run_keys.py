@@ -39,7 +39,7 @@ def test_an_eavesdropper_comes_and_leaves_on_one_time_line(tmp_path: Path) -> No
         tmp_path, "--seconds", "15", "--withhold", "--without", "events", *marks, *eve
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    moments = result["job"]["moments"]
+    moments = result["job"]["time_series"]
     at = {each["event"]: each["at"] for each in moments if each["event"].startswith("eve")}
     opened = [each for each in moments if each.get("opened")]
     for moment in opened:  # a quarter is wrong when she measures everything, nothing else is

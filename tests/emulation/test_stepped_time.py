@@ -143,7 +143,7 @@ def test_an_hour_of_keys_takes_no_hour_and_an_eavesdropper_comes_at_her_instant(
         *("keys", "--time", "stepped", "--seconds", "3600", "--session-bits", "10000"),
         *("--eve", "1", "--at", "0.4", "--until", "0.9", "--high-mark", "32"),
     )
-    moments = result["job"]["moments"]
+    moments = result["job"]["time_series"]
     at = {each["event"]: each["at"] for each in moments}
     assert (at["eve_comes"], at["eve_leaves"]) == (0.4, 0.9)
     alarms = [each["at"] for each in moments if each["event"] == "alarm" and each["opened"]]

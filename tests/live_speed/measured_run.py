@@ -64,7 +64,7 @@ def run(
     ):
         times = []
         for number in range(2 * rounds + 1):
-            with looking(chromium, network) if number % 2 else nullcontext() as page:
+            with open_page(chromium, network) if number % 2 else nullcontext() as page:
                 time.sleep(SETTLE_S)
                 began, spent = time.time(), processors_s(devtools)
                 time.sleep(seconds)
@@ -79,7 +79,7 @@ def run(
 
 
 @contextmanager
-def looking(chromium: Browser, network: "subprocess.Popen[bytes]") -> Iterator[Page]:
+def open_page(chromium: Browser, network: "subprocess.Popen[bytes]") -> Iterator[Page]:
     """Serve a page of the network by `qmn live`, as from another terminal, and look at it."""
     deadline = time.monotonic() + DEADLINE_S
     while time.monotonic() < deadline and network.poll() is None:

@@ -140,13 +140,13 @@ def handshake_figure(run: RunFacts) -> str:
 
 
 def key_figure(job: KeysJob) -> str:
-    moments = job.moments
-    if not moments:
+    time_series = job.time_series
+    if not time_series:
         return missing("Keys over time", "nothing has happened to any.")
     text = "Sessions by their error rate, above the dashed line without a key; shaded: eve listens."
-    if any(isinstance(each, KeyMoment) for each in moments):
+    if any(isinstance(each, KeyMoment) for each in time_series):
         text += " Bars: the tunnel is open at this host; strokes: a new key."
-    return figure("Keys over time", key_timeline(moments), text, "wide")
+    return figure("Keys over time", key_timeline(time_series), text, "wide")
 
 
 def key_distribution_figures(run: RunFacts) -> Iterator[str]:

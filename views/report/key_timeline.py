@@ -15,29 +15,29 @@ WIDE_INCHES = (9.0, 1.6)  # of each row
 
 
 @drawing.styled
-def key_timeline(moments: Sequence[Moment]) -> str:
-    tunnel = any(each.event.startswith(TUNNEL) for each in moments)
+def key_timeline(series: Sequence[Moment]) -> str:
+    tunnel = any(each.event.startswith(TUNNEL) for each in series)
     rows = [_sessions, _tunnel, _file] if tunnel else [_sessions]
     width, height = WIDE_INCHES
     made = Figure(figsize=(width, height * len(rows) + 0.6), layout="constrained")
-    end = max(each.at for each in moments)
+    end = max(each.at for each in series)
     every = made.subplots(len(rows), sharex=True, squeeze=False)[:, 0]
     for axes, draw in zip(every, rows, strict=True):
-        for begin, over in spans(moments, "eve_comes", "eve_leaves", end):
+        for begin, over in spans(series, "eve_comes", "eve_leaves", end):
             axes.axvspan(begin, over, color=BAD, alpha=0.12, linewidth=0)
-        draw(axes, moments, end)
+        draw(axes, series, end)
     axes.set_xlabel("time (s)")
-    axes.set_xlim(min(0.0, *(each.at for each in moments)), end)
+    axes.set_xlim(min(0.0, *(each.at for each in series)), end)
     return drawing.svg(made, "Keys over time")
 
 
 def spans(
-    moments: Sequence[Moment], begins: str, ends: str, end: float
+    series: Sequence[Moment], begins: str, ends: str, end: float
 ) -> list[tuple[float, float]]:
     """Return from when to when something lasted; what does not end lasts until the end."""
     found: list[tuple[float, float]] = []
     since: float | None = None
-    for moment in moments:
+    for moment in series:
         if moment.event == begins and since is None:
             since = moment.at
         elif moment.event == ends and since is not None:
@@ -46,10 +46,10 @@ def spans(
     return found if since is None else [*found, (since, end)]
 
 
-def _sessions(axes: Axes, moments: Sequence[Moment], _end: float) -> None:
+def _sessions(axes: Axes, series: Sequence[Moment], _end: float) -> None:
     held = [
         (each.at, each.qber, each.keys > 0)
-        for each in moments
+        for each in series
         if isinstance(each, SessionMoment) and each.opened and each.qber is not None
     ]
     for with_key, colour, label in ((True, QUANTUM, "key"), (False, BAD, "no key")):
@@ -62,10 +62,10 @@ def _sessions(axes: Axes, moments: Sequence[Moment], _end: float) -> None:
     axes.legend(loc="center left", ncols=2)
 
 
-def _tunnel(axes: Axes, moments: Sequence[Moment], end: float) -> None:
-    hosts = sorted({each.host for each in moments if each.event.startswith(TUNNEL)})
+def _tunnel(axes: Axes, series: Sequence[Moment], end: float) -> None:
+    hosts = sorted({each.host for each in series if each.event.startswith(TUNNEL)})
     for row, host in enumerate(reversed(hosts)):
-        own = [each for each in moments if each.host == host]
+        own = [each for each in series if each.host == host]
         open_spans = spans(own, "tunnel_opened", "tunnel_closed", end)
         bars = [(begin, over - begin) for begin, over in open_spans]
         axes.broken_barh(bars, (row - 0.3, 0.6), color=METADATA, alpha=0.35)
@@ -76,8 +76,8 @@ def _tunnel(axes: Axes, moments: Sequence[Moment], end: float) -> None:
     axes.set_ylabel("tunnel, keys")
 
 
-def _file(axes: Axes, moments: Sequence[Moment], _end: float) -> None:
-    parts = [each for each in moments if isinstance(each, FileMoment)]
+def _file(axes: Axes, series: Sequence[Moment], _end: float) -> None:
+    parts = [each for each in series if isinstance(each, FileMoment)]
     points = [each.at for each in parts], [each.bytes / 1e6 for each in parts]
     axes.plot(*points, color=METADATA, linewidth=1.8)
     axes.set_ylabel("file (MB)")

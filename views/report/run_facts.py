@@ -74,7 +74,7 @@ def read_run(folder: Path) -> RunFacts:
     sender = _sender_lines(folder / SENDER_LOG) if tells else []
     drawn += sender
     job = vars(result.job)
-    if not all(map(isfinite, _floats([*drawn, job.get("moments"), job.get("load")]))):
+    if not all(map(isfinite, _floats([*drawn, job.get("time_series"), job.get("load")]))):
         raise BadRun(f"{folder / RESULT}: a number to be drawn is infinite, or NaN")
     capture = folder / EVENT_CAPTURE
     events = recorded(capture, follow=False) if capture.exists() else iter(())

@@ -71,7 +71,7 @@ class DispatcherSettings(EventSettings):
         metavar="DIR",
         recorded=False,
     )
-    looking: bool = False  # whether hosts may look at states, which no hardware lets them do
+    state_inspection: bool = False  # of states by hosts, as no hardware lets them
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -119,7 +119,7 @@ class SealFigures(Figures):
     """Of a tamper seal, at its opener."""
 
     alarm: bool
-    given_back: bool  # the light, to a session
+    preempted: bool  # the light, to a session
     compared: int  # pairs
     emitted: int
     error_rate: float | None

@@ -43,7 +43,7 @@ class NetworkFacts:
         return ""
 
 
-SCHEMA = 1  # version of results; they of lower ones are read (docs/versions.md)
+SCHEMA = 2  # version of results; they of lower ones are read (docs/versions.md)
 RESULT = "result.json"  # file of a run's folder, written when it has ended
 BEGUN = "begun.json"  # there until then, from the start of the network on
 
@@ -90,10 +90,10 @@ class SwitchCopies:
 
 @dataclass(frozen=True)
 class WatchedLight:
-    """Seals that are over, on light that nobody used or that programs had watched."""
+    """Link monitors that have ended, on idle light or by request of programs."""
 
-    seals: int
-    given_back: int  # of these, to sessions
+    monitors: int
+    preempted: int  # of these, to sessions
     compared: int  # pairs
     errors: int  # of these, pairs that differed
     alarms: int
@@ -170,7 +170,7 @@ class KeysJob:
     """Keys and tunnels that were kept: the numbers, and what happened when."""
 
     asking: Figures | StoredKeyFigures | TunnelFigures = field(default_factory=Figures)
-    moments: list[AnyMoment] = field(default_factory=list)
+    time_series: list[AnyMoment] = field(default_factory=list)
 
 
 @dataclass(kw_only=True)

@@ -40,7 +40,9 @@ def test_a_teleported_state_is_as_good_as_the_pair(
     """(1 + W) / 2, which is (2 F + 1) / 3 of the pair's fidelity (1 + 3 W) / 4."""
     hosts = {"sender": "alice", "receiver": "bob"}
     inputs = [{"sender": {"phi": 0.7, "theta": 1.1}}]
-    outputs(tmp_path, EXAMPLES / "teleport", hosts, inputs, 25, looking=True, depolarizing=P)
+    outputs(
+        tmp_path, EXAMPLES / "teleport", hosts, inputs, 25, state_inspection=True, depolarizing=P
+    )
     state = qubit(0.7, 1.1)
     close([fidelity(matrix, state) for matrix in left["receiver"]], (1 + W) / 2, 1)
 
@@ -92,7 +94,7 @@ def test_a_distributed_cnot_flips_what_the_pair_has_wrong(tmp_path: Path) -> Non
         WERNER[name] * abs(state.conj() @ fault @ state) ** 2 for name, fault in faults.items()
     )
     folder = EXAMPLES / "dist_cnot"
-    told = outputs(tmp_path, folder, hosts, inputs, 25, looking=True, depolarizing=P)
+    told = outputs(tmp_path, folder, hosts, inputs, 25, state_inspection=True, depolarizing=P)
     close([fidelity(each["controller"]["final_state"], state) for each in told], expected, 1)
 
 
@@ -128,7 +130,7 @@ def test_a_blind_rotation_is_as_wrong_as_its_cluster(tmp_path: Path) -> None:
     phi = [0.4, 1.9, 5.1]
     inputs = [{"client": {"phi": list(phi), "r": [0, 0, 0]}} for _ in range(18)]
     folder = EXAMPLES / "blind_rotation"
-    told = outputs(tmp_path, folder, TWO, inputs, looking=True, depolarizing=P)
+    told = outputs(tmp_path, folder, TWO, inputs, state_inspection=True, depolarizing=P)
     assert abs(cluster_fidelity(phi, 1) - 1) < ANGLES**2
     states = [aim(phi, each["client"]["s"], each["client"]["m"][3]) for each in told]
     found = [

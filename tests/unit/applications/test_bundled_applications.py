@@ -50,7 +50,7 @@ def test_teleport_brings_the_state_over(tmp_path: Path, left: dict[str, list[Any
     hosts = {"sender": "alice", "receiver": "bob"}
     angles = [(0.7, 1.1), (2.9, 2.2), (5.0, 0.4)]
     inputs = [{"sender": {"phi": phi, "theta": theta}} for phi, theta in angles]
-    told = outputs(tmp_path, EXAMPLES / "teleport", hosts, inputs, rounds=3, looking=True)
+    told = outputs(tmp_path, EXAMPLES / "teleport", hosts, inputs, rounds=3, state_inspection=True)
     for round_ in told:
         sent, done = round_["sender"], round_["receiver"]
         assert done == {
@@ -101,7 +101,7 @@ def test_a_distributed_cnot_is_one(tmp_path: Path) -> None:
     inputs = [{role: {"phi": phi, "theta": theta} for role, (phi, theta) in angles.items()}]
     cnot = np.eye(4)[[0, 1, 3, 2]]
     state = cnot @ np.kron(*(qubit(*each) for each in angles.values()))
-    told = outputs(tmp_path, EXAMPLES / "dist_cnot", hosts, inputs, rounds=6, looking=True)
+    told = outputs(tmp_path, EXAMPLES / "dist_cnot", hosts, inputs, rounds=6, state_inspection=True)
     for each in told:
         assert fidelity(each["controller"]["final_state"], state) > 1 - ANGLES**2
 
@@ -136,7 +136,7 @@ def test_a_blind_rotation_is_what_the_client_asked_for(tmp_path: Path) -> None:
         "r": [0, 1, 1],
     }
     inputs = [{"client": {name: list(value) for name, value in asked.items()}} for _ in range(3)]
-    told = outputs(tmp_path, EXAMPLES / "blind_rotation", TWO, inputs, looking=True)
+    told = outputs(tmp_path, EXAMPLES / "blind_rotation", TWO, inputs, state_inspection=True)
     for each in told:
         client = each["client"]
         state = PLUS

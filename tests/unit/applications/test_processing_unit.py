@@ -328,7 +328,7 @@ def test_a_gate_waits_for_a_pair_on_its_way(tmp_path: Path, early: str) -> None:
         "alice": program("alice", "bob", creates=True),
         "bob": program("bob", "alice", creates=False),
     }
-    (told,) = outputs(tmp_path, programs, TWO, looking=True)
+    (told,) = outputs(tmp_path, programs, TWO, state_inspection=True)
     assert told["alice"][0] == told["bob"][0]
     for _outcome, mixed in told.values():
         assert np.allclose(mixed, np.eye(2) / 2)

@@ -32,7 +32,7 @@ def test_a_program_in_squidasms_manner_teleports_and_loops(tmp_path: Path) -> No
     inputs: list[dict[str, dict[str, Any]]] = [
         {"sender": {"phi": phi, "theta": theta, "pairs": pairs}, "receiver": {"pairs": pairs}}
     ]
-    (told,) = outputs(tmp_path, STYLES / "squidasm", hosts, inputs, looking=True)
+    (told,) = outputs(tmp_path, STYLES / "squidasm", hosts, inputs, state_inspection=True)
     state = np.array(told["receiver"]["state"])
     assert abs(fidelity(state, qubit(phi, theta)) - 1) < ANGLES**2
     assert told["sender"] == told["receiver"]["outcomes"]  # of Phi+, along X
@@ -81,7 +81,7 @@ def test_who_looks_sees_what_was_asked_for_before(tmp_path: Path) -> None:
             qubit.X()
             return get_qubit_state(qubit)
 
-    (told,) = outputs(tmp_path, {"a": flips}, {"a": "alice"}, looking=True)
+    (told,) = outputs(tmp_path, {"a": flips}, {"a": "alice"}, state_inspection=True)
     assert np.allclose(told["a"], [[0, 0], [0, 1]])
 
 
@@ -118,7 +118,7 @@ def test_qubits_stay_until_the_programs_of_all_roles_have_ended(
 
     programs = {"a": looks, "b": leaves, "c": lambda app_config: None}
     hosts = {"a": "alice", "b": "bob", "c": "charlie"}
-    told = outputs(tmp_path, programs, hosts, rounds=3, looking=True)
+    told = outputs(tmp_path, programs, hosts, rounds=3, state_inspection=True)
     phi_plus = np.outer([1, 0, 0, 1], [1, 0, 0, 1]) / 2
     for each in told:
         assert np.allclose(each["a"], phi_plus)

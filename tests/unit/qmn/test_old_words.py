@@ -39,6 +39,7 @@ COMMANDS = [
     ("run qkd --no-events --no-report", "run qkd --without events --without report"),
     ("cli sdc --capture", "cli sdc --captures full"),
     ("netqasm app --map garr", "netqasm app --topology map,map=garr"),
+    ("netqasm app --no-looking", "netqasm app --no-state-inspection"),
     ("run sdc --time-scale 5", "run sdc --time paced=5"),
     ("cli sdc --time-scale=5 --tls", "cli sdc --time paced=5 --tls"),
     ("run sdc --seed 2 --time-scale auto", "run sdc --seed 2"),

@@ -50,12 +50,12 @@ def test_seals_are_counted_if_there_were_any() -> None:
     assert facts.watched is None
     assert watched_light(None) == {}
     seal = {"event": "watched", "compared": 2000, "errors": 3, "end": "OK"}
-    given_back = {**seal, "compared": 500, "errors": 0, "end": "BUSY"}
+    preempted = {**seal, "compared": 500, "errors": 0, "end": "BUSY"}
     alarm = {"event": "alarm", "watched": ["q3-q4", "q2-q3"], "closed": True}
     told = {**alarm, "watched": ["q7-q8"], "closed": False}
-    note_controller(facts, [seal, given_back, alarm, alarm, told])
+    note_controller(facts, [seal, preempted, alarm, alarm, told])
     assert facts.watched == WatchedLight(
-        seals=2, given_back=1, compared=2500, errors=3, alarms=3, closed=["q2-q3", "q3-q4"]
+        monitors=2, preempted=1, compared=2500, errors=3, alarms=3, closed=["q2-q3", "q3-q4"]
     )
     (row,) = watched_light(facts.watched).values()
     assert row == "2 over 2,500 pairs, 3 of them wrong, alarms: 3, closed: q2-q3 q3-q4"

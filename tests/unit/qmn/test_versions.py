@@ -7,14 +7,15 @@ from typing import Any
 import pytest
 
 from qmn.network.options import GONE
-from qmn.results.schema import of_either_kind
+from qmn.results.schema import FIELDS, of_either_kind, read_run
 from wire import events
 from wire.malformed import MalformedPacket
 from wire.metadata import header
-from wire.results.run_result import SCHEMA
+from wire.results.run_result import SCHEMA, KeysJob
 from wire.results.schema import head_of
 
-KEPT = sorted((Path(__file__).parent / "results").glob("*.json"))
+KEPT_IN = Path(__file__).parent / "results"
+KEPT = sorted(KEPT_IN.glob("*.json"))
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "versions.md").read_text()
 
 
@@ -35,7 +36,18 @@ def test_a_result_of_an_earlier_version_is_read_whole(file: Path) -> None:
         each["length_km"] for each in content["network"]["fibers"]
     ]
     for name, value in content["job"]["asking"].items():
-        assert getattr(read.asking, name) == value  # type: ignore[attr-defined]
+        assert getattr(read.asking, FIELDS.get(name, name)) == value  # type: ignore[attr-defined]
+
+
+def test_results_of_earlier_names_are_read_whole() -> None:
+    seal, keys = (given(KEPT_IN / f"{name}_1.json") for name in ("seal", "keys"))
+    watched, asking = read_run(seal).watched, seal["job"]["asking"]
+    assert watched is not None
+    assert (watched.monitors, watched.preempted) == (1, 0)
+    assert asking["given_back"] is False
+    job, events = read_run(keys).job, [each["event"] for each in keys["job"]["moments"]]
+    assert isinstance(job, KeysJob)
+    assert [each.event for each in job.time_series] == events
 
 
 def test_there_are_results_of_every_schema() -> None:
