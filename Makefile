@@ -1,4 +1,4 @@
-# `make` alone prints what there is. What needs root asks for it by sudo; the rest does not.
+# `make` alone prints the targets. Only targets that need root ask for it, by sudo.
 
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
@@ -35,7 +35,7 @@ APART = --dist=worksteal --tx="$(NETWORKS)*popen//python=topologies/own_namespac
 in_folder = folder=$$(mktemp -d /tmp/qmn.XXXX) && \
     $1 $(PYTEST) --basetemp="$$folder" $2 && $1 rm -r "$$folder"
 TESTS := tests/emulation -m 'image and not nightly'  # of test-docker; TESTS=tests/emulation for all
-# What notebooks need and a browser are large, and not in the image; and Docker lets no process take
+# Notebooks' packages and a browser are large, and not in the image; and Docker lets no process take
 # files of others, nor make groups of processes.
 IN_GROUPS := several_together_do_not_take_more who_takes_more_does_not_go_on_by_swapping \
     what_a_killed_run_leaves_goes_with_the_next
@@ -64,7 +64,7 @@ help: ## Print this help
 	    '  MODE=...        docker, native or auto (default: docker if an engine answers)' \
 	    '' 'Variable of install and uninstall:' \
 	    '  PREFIX=FOLDER   Where to (default: /usr/local)' \
-	    '' 'Everything else is said to `qmn` itself: bin/qmn --help'
+	    '' 'All other options are those of `qmn` itself: bin/qmn --help'
 
 # Programs of root leave no byte code here: without this they would compile at each start.
 setup: ## Install what is missing; a second time does nothing
@@ -198,7 +198,7 @@ packages:
 browser:
 	@setup/browser
 
-# What tests run over q0, as it is.
+# Unchanged programs that tests run over q0.
 q0-programs: | packages
 	@setup/packages apt-packages-q0.txt
 

@@ -1,6 +1,6 @@
 """The exercises, and the parts of each by which it is done.
 
-What is right follows from closed forms, and from the runs themselves.
+The right answers follow from closed forms, and from the runs themselves.
 """
 
 import math

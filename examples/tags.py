@@ -1,4 +1,4 @@
-"""What instruments find in time tags: the offset of two clocks, g2, and a dip of Hong, Ou, Mandel.
+"""Measurements by time tags: the offset of two clocks, g2, and a dip of Hong, Ou, Mandel.
 
 qmn run qkd --protocol bbm92 --seconds 2 --sifted-per-key 20000 --rate-hz 20000000 --tags tags \
     --device charlie.source.statistics=poisson --device charlie.source.mean_pairs=0.005 \

@@ -73,11 +73,11 @@ def run(
         command, stdin=given, stdout=pipe, stderr=pipe, text=True, env=env, cwd=cwd
     ) as program:
         try:
-            said = program.communicate(input, timeout)
+            text = program.communicate(input, timeout)
         except BaseException:
             program.kill()
             raise
-    return subprocess.CompletedProcess(command, program.returncode, *said)
+    return subprocess.CompletedProcess(command, program.returncode, *text)
 
 
 class _Server:

@@ -83,8 +83,8 @@ class Stepping:
     def end(self) -> tuple[int, int]:
         """End the gate; return how often it leapt, and how often wrongly for all that it knows."""
         self._gate.send_signal(signal.SIGTERM)
-        said, _nothing = self._gate.communicate(timeout=DEADLINE_S)
-        leaps, wrong = said.split()
+        text, _nothing = self._gate.communicate(timeout=DEADLINE_S)
+        leaps, wrong = text.split()
         return int(leaps), int(wrong)
 
     def kill(self) -> None:

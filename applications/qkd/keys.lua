@@ -189,8 +189,8 @@ local function message_length(bytes)
     return length
 end
 
--- What has come of each direction of a connection and is no whole message yet; and, by envelope,
--- the messages that were whole then.
+-- Parts of messages in each direction of a connection; and, by envelope, the messages that were
+-- whole then.
 local waiting, whole = {}, {}
 function qkd.init() waiting, whole = {}, {} end
 

@@ -13,10 +13,10 @@ FULL_BYTES = MAX_SOURCE_BYTES // 2  # no block begins behind that; those that ha
 
 HEADER = f"""OPENQASM 2.0;
 include "qelib1.inc";
-// What the dispatcher did to the first {PHOTONS} photons of each block, its noise made explicit.
+// The operations on the first {PHOTONS} photons of each block, with their noise made explicit.
 // Run it: qmn sabot run FILE --shots 1. A comment says where each line comes from; behind a
-// measurement it says what was found. A lost photon is reset and not measured any more.
-// What detectors and Bell analysers make of that, and the drift of pairs, is in the event log.
+// measurement it has the outcome. A lost photon is reset and not measured any more.
+// The clicks of detectors and Bell analysers, and the drift of pairs, are in the event log.
 """
 
 

@@ -20,7 +20,7 @@ LOWER = {
 UPPER = {"middle": Published(0.967, 0.004, "New York: 15 days, upper bound")}
 BEST = Published(0.99, 0.005, "New York: about 0.99")
 NEAR, FAR, FIBER_DB, KM, TOTAL_DB = 0.68, 0.90, 14.45, 34, 17.46  # detectors: 795, 1324 nm
-# Classical light in Berlin (mW, dB/km), scattered on each km and nm, into so many nm, where, s.
+# Classical light in Berlin (mW, dB/km), scattered on each km and nm, width (nm), where, s.
 CLASSICAL = 74.1, 0.2, 6.5255e-14, 0.4, 1324, 1e-9
 BERLIN, E91 = {"10-m": 0.01, "30-km": 30.0, "60-km": 60.0}, "e91 --chsh-fraction 0.5"
 
@@ -34,7 +34,7 @@ def visibility(light: float) -> float:
 
 
 def light(rate: float, brightest: float = LOWER["brightest"].value) -> float:
-    """Return the light of so many pairs/s, where the brightest source has this visibility."""
+    """Return the light at a rate of pairs/s, where the brightest source has this visibility."""
     most = float(brentq(lambda x: visibility(x) - brightest, 0.0, 1.0))
     return most * rate / RATES["brightest"]
 
@@ -51,7 +51,7 @@ def unsure(rate: float) -> float:
 
 
 def session(protocol: str, count: int, rate: float, km: float, lit: str = "") -> str:
-    """Return what is said behind `qmn`."""
+    """Return the words behind `qmn`."""
     text = "".join(
         Path(__file__).with_name(name).read_text() for name in ("session.txt", lit) if name
     )
@@ -68,8 +68,8 @@ def beside(km: float) -> float:
 
 
 def wrong(run: Run) -> Estimate:
-    told = run.job.asking
-    return proportion(round(told.qber * told.disclosed_bits), told.disclosed_bits)
+    report = run.job.asking
+    return proportion(round(report.qber * report.disclosed_bits), report.disclosed_bits)
 
 
 def less(error: Estimate, times: float) -> Estimate:
@@ -84,7 +84,7 @@ def row(name: str, what: str, times: float, theirs: Published) -> PublishedRow:
     points = [("multi-pair", {**point, "further_db": further_db, "pairs": 20_000_000})]
     words, inputs = f"{what}, {rate:g} pairs/s", unsure(rate) * times / 2
     return PublishedRow(
-        "arXiv:2404.08626", words, theirs, lambda told: less(told["qber"], times), points, inputs
+        "arXiv:2404.08626", words, theirs, lambda row: less(row["qber"], times), points, inputs
     )
 
 
@@ -101,8 +101,8 @@ def findings(runs: Runs) -> Sequence[Finding]:
             found.append(Finding(chart, words, less(q, times), theirs, rate, inputs=inputs))
     found.append(Finding("", f"F, {rate:g} pairs/s", less(q, 1.5), BEST, inputs=0.75 * error))
     for name, km in BERLIN.items():
-        told, f = runs[name].job.asking, less(wrong(runs[name]), 1.5)
-        s = Estimate(told.chsh, told.chsh_error)
+        report, f = runs[name].job.asking, less(wrong(runs[name]), 1.5)
+        s = Estimate(report.chsh, report.chsh_error)
         found.append(Finding("km", f"F, {name}", f, Published(beside(km), 0, "closed form"), km))
         found.append(in_range(f"F, {name}", f, 0.85, 0.99, "Berlin, abstract"))
         found.append(in_range(f"S, {name}", s, 2.36, 2.74, "Berlin, abstract"))

@@ -28,7 +28,7 @@ def scattered(dbm: float, raman_per_km_nm: float, nm: float) -> float:
     return theory.scattered_photons(ARM_KM, ARM_DB_PER_KM, *light)
 
 
-# What light scatters into the photons' filter on each km and nm, and where that is (nm).
+# The light scattered into the photons' filter on each km and nm, and its wavelength (nm).
 BANDS: dict[str, tuple[float, float]] = {"c-band": (2e-9, 1550)}
 BANDS["o-band"] = SCATTERED / scattered(TRAFFIC_DBM, 1, 1290), 1290
 POINTS = [("o-band", -20.0, 12), ("o-band", 0.0, 12), ("o-band", 30.0, 12)]  # dBm, 10^6 pulses
@@ -66,22 +66,22 @@ def findings(runs: Runs) -> Sequence[Finding]:
     found = []
     for name, run in runs.items():
         band, power = name.split("_")
-        told, dbm = run.result.get("found") or vars(run.job.asking), float(power)
-        ours = proportion(round(told["fidelity"] * told["arrived"]), told["arrived"])
+        report, dbm = run.result.get("found") or vars(run.job.asking), float(power)
+        ours = proportion(round(report["fidelity"] * report["arrived"]), report["arrived"])
         closed = Published(fidelity(band, dbm), 0.0, "supplement, S5 to S15")
         found.append(Finding(band, f"F, {band}, {power} dBm", ours, closed, dbm))
     dark, lit = found[0].ours, found[-1].ours  # the last run is that beside traffic
     less = Estimate(dark.value - lit.value, hypot(dark.error, lit.error))
     kept = Finding("", "F, o-band, less beside traffic", less, Published(0, 0, "abstract"))
-    return [*found, kept, Finding("", "Gbit/s beside it", Estimate(told["gbit_per_s"], 0.0))]
+    return [*found, kept, Finding("", "Gbit/s beside it", Estimate(report["gbit_per_s"], 0.0))]
 
 
-SAID = "run teleport --state 0 --block-pairs 262144 --captures none --without report,record"
+COMMAND = "run teleport --state 0 --block-pairs 262144 --captures none --without report,record"
 LAB = Lab(
     title="teleportation beside classical light in the same fibre",
     paper="Thomas et al., Optica 11, 1700 (2024), arXiv:2404.10738",
     runs={
-        f"{band}_{dbm:g}": f"{SAID} --count {count}000000 {' '.join(settings(band, dbm))}"
+        f"{band}_{dbm:g}": f"{COMMAND} --count {count}000000 {' '.join(settings(band, dbm))}"
         for band, dbm, count in POINTS
     }
     | {f"o-band_{TRAFFIC_DBM}": f"script {shlex.quote(str(HERE))}/beside_traffic.py"},

@@ -17,8 +17,8 @@ CONFIDENCE_95 = 1.959964  # standard errors
 RUN = f"run distribute --purification bbpssw --rounds 1 --count {PAIRS} --sample 0.5"
 
 
-def said(figure: dict[str, Any]) -> str:
-    """Return what is said behind `qmn` for a point."""
+def command_for(figure: dict[str, Any]) -> str:
+    """Return the words behind `qmn` for a point."""
     parts = [f"charlie.source.fidelity={figure['fidelity']}"]
     for host in ("alice", "bob"):
         parts.append(f"{host}.gates.two_qubit_depolarizing={1 - figure['gate']:g}")
@@ -48,12 +48,12 @@ def findings(runs: Runs) -> Sequence[Finding]:
     """Return fidelity and success of one round; readings of the estimate are corrected for."""
     found = []
     for figure in FIGURES["figures"]:
-        told = runs[figure["name"]].job.asking
+        report = runs[figure["name"]].job.asking
         kept = (2 * figure["readout"] - 1) ** 2  # of each correlation, by two readings
-        width = told.fidelity_high - told.fidelity_low
-        estimate = 1 / 4 + (told.fidelity - 1 / 4) / kept
+        width = report.fidelity_high - report.fidelity_low
+        estimate = 1 / 4 + (report.fidelity - 1 / 4) / kept
         fidelity = Estimate(estimate, width / 2 / CONFIDENCE_95 / kept)
-        success = proportion(told.survived, told.compared)
+        success = proportion(report.survived, report.compared)
         for chart, ours in (("fidelity", fidelity), ("success", success)):
             theirs = published(figure, chart)
             found.append(Finding(chart, words(figure, chart), ours, theirs, theirs.value))
@@ -63,7 +63,7 @@ def findings(runs: Runs) -> Sequence[Finding]:
 LAB = Lab(
     title="purification by noisy gates and readings, as SeQUeNCe has it",
     paper=f"Chung et al., Cross-Validating Quantum Network Simulators (2025), {PAPER}",
-    runs={figure["name"]: said(figure) for figure in FIGURES["figures"]},
+    runs={figure["name"]: command_for(figure) for figure in FIGURES["figures"]},
     findings=findings,
     rows=[row(figure, what) for figure in FIGURES["figures"] for what in NAMES],
     charts=(

@@ -18,7 +18,7 @@ FIDELITIES, GATES, READOUTS = (0.8, 0.9), (1.0, 0.96), (1.0, 0.98)
 
 
 def purified(fidelity: float, gate: float, readout: float) -> dict[str, str | float]:
-    """Return what comes of two Werner pairs, by noisy gates and readings at both ends."""
+    """Return the outcome of two Werner pairs, by noisy gates and readings at both ends."""
     QuantumManager.set_global_manager_formalism(BELL_DIAGONAL_STATE_FORMALISM)
     timeline = Timeline()
     ends = [Node(name, timeline) for name in ("alice", "bob")]

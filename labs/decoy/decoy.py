@@ -66,14 +66,14 @@ def findings(runs: Runs) -> Sequence[Finding]:
     """Return gain, errors and key of each distance beside the paper's closed forms."""
     found = []
     for km, run in zip(SIFTED, runs.values(), strict=True):
-        told = run.job.asking
-        pulses, sample = told.photons, told.disclosed_bits
-        # What error correction told here is replaced by what it tells in the paper.
-        spent = paper.CORRECTION * (told.sifted_bits - sample) * binary_entropy(told.qber)
-        bits = (told.key_bits + told.leaked_bits - spent) / pulses
+        report = run.job.asking
+        pulses, sample = report.photons, report.disclosed_bits
+        # The paper's leak of error correction in place of the one here.
+        spent = paper.CORRECTION * (report.sifted_bits - sample) * binary_entropy(report.qber)
+        bits = (report.key_bits + report.leaked_bits - spent) / pulses
         for chart, what, ours, theirs in (
-            ("gain", "pulses seen", proportion(told.raw_bits, pulses), gain(km)),
-            ("qber", "errors", proportion(round(told.qber * sample), sample), qber(km)),
+            ("gain", "pulses seen", proportion(report.raw_bits, pulses), gain(km)),
+            ("qber", "errors", proportion(round(report.qber * sample), sample), qber(km)),
             ("key", "secret bits a pulse", Estimate(bits, secret_error(km, pulses)), secret(km)),
         ):
             where = "equations A4 to A6" if chart == "key" else "section IV"

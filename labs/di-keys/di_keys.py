@@ -53,7 +53,7 @@ def unsure(chart: str) -> float:
     return abs(most - least) / 2
 
 
-def told(run: Run) -> tuple[Estimate, Estimate]:
+def estimates(run: Run) -> tuple[Estimate, Estimate]:
     """Return S and the error rate that alice has computed."""
     asking = run.job.asking
     sample = asking.disclosed_bits
@@ -65,13 +65,13 @@ def findings(runs: Runs) -> Sequence[Finding]:
     """Return S, error rate and key by fidelity; then what pairs as those of the ions are."""
     found = []
     for name, fidelity in FIDELITIES.items():
-        s, qber = told(runs[name])
+        s, qber = estimates(runs[name])
         ours = {"s": s, "qber": qber, "rate": of_two(key, s, qber)}
         for chart, each in ours.items():
             there = THERE[chart] if name == "paper" else None
             errors = (FIDELITY_ERROR, unsure(chart)) if there else (0.0, 0.0)
             found.append(Finding(chart, CHARTS[chart][2], each, there, fidelity, *errors))
-    pairs, s = runs["ions-z"].job.asking, told(runs["ions"])[0]
+    pairs, s = runs["ions-z"].job.asking, estimates(runs["ions"])[0]
     in_z = pairs.states // 2
     qber = proportion(round((1 - pairs.equal_in_z) * in_z), in_z)
     f = Estimate(pairs.fidelity, pairs.fidelity_error)
@@ -111,5 +111,5 @@ LAB = Lab(
     },
     findings=findings,
     rows=rows(),
-    charts=[Chart(of, *said, LINES[of]) for of, said in CHARTS.items()],
+    charts=[Chart(of, *text, LINES[of]) for of, text in CHARTS.items()],
 )

@@ -8,8 +8,8 @@ from evidence.curves.estimates import Estimate, proportion
 from evidence.labs.lab import Chart, Finding, Lab, Published, Runs
 
 HERE, PROGRAMS = Path(__file__), ("sequence", "quisp")
-TOLD = {each: json.loads(HERE.with_name(f"{each}_links.json").read_text()) for each in PROGRAMS}
-GIVEN = TOLD["quisp"]  # to SeQUeNCe, too
+TABLE = {each: json.loads(HERE.with_name(f"{each}_links.json").read_text()) for each in PROGRAMS}
+GIVEN = TABLE["quisp"]  # to SeQUeNCe, too
 # Kilometres to the station and whose attempts; modes.
 LINKS = {(km, program): modes for program in PROGRAMS for km, modes in ((1, 1), (10, 10), (25, 20))}
 PARTS = "source.statistics=none emitter.scheme=two-click emitter.efficiency={emitted}"
@@ -29,8 +29,8 @@ def mean_s(km: float, program: str) -> tuple[float, float]:
     return before_s, (2 * flight_s + before_s) / theory.two_clicks(light, 1.0)[0]
 
 
-def said(km: int, program: str) -> str:
-    """Return what is said behind `qmn` for a link, with the station in the switch halfway."""
+def command_for(km: int, program: str) -> str:
+    """Return the words behind `qmn` for a link, with the station in the switch halfway."""
     modes = LINKS[km, program]
     before = f"emitter.preparation_s={mean_s(km, program)[0]:.9g}"
     words = f"{PARTS} emitter.modes={modes} {before}".split()
@@ -49,10 +49,10 @@ def findings(runs: Runs) -> list[Finding]:
     for (km, program), modes in LINKS.items():
         run = runs[f"{km}-km-{program}"]
         took_s = run.times_s("herald")[-1] - run.times_s("attempt")[-1]
-        asking, told = run.job.asking, TOLD[program]
+        asking, table = run.job.asking, TABLE[program]
         counted = asking.emitted, asking.attempts, took_s * modes
         ours = [Estimate(*each) for each in measured(*counted)]
-        theirs = [Published(*each, told["program"]) for each in measured(*told["links"][str(km)])]
+        theirs = [Published(*each, table["program"]) for each in measured(*table["links"][str(km)])]
         found.append(Finding("", f"attempts that succeed, {km} km", ours[0], theirs[0]))
         found.append(Finding(program, f"s a pair, {km} km", ours[1], theirs[1], km))
     return found
@@ -65,7 +65,7 @@ def drawn(of: str) -> Chart:
 LAB = Lab(
     title="times of heralded links, beside SeQUeNCe's and QuISP's",
     paper="Chung et al., Cross-Validating Quantum Network Simulators (2025), arXiv:2504.01290",
-    runs={f"{km}-km-{program}": said(km, program) for km, program in LINKS},
+    runs={f"{km}-km-{program}": command_for(km, program) for km, program in LINKS},
     findings=findings,
-    charts=[drawn(program) for program in TOLD],
+    charts=[drawn(program) for program in TABLE],
 )

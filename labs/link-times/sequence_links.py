@@ -45,5 +45,5 @@ def link(half_km: float, pairs: int) -> tuple[int, int, float]:
 
 if __name__ == "__main__":
     links = {half_km: link(half_km, 2000) for half_km in (1, 10, 25)}
-    told = {"program": f"sequence {version('sequence')}", **GIVEN, "links": links}
-    print(json.dumps(told, indent=1))
+    report = {"program": f"sequence {version('sequence')}", **GIVEN, "links": links}
+    print(json.dumps(report, indent=1))

@@ -35,6 +35,6 @@ def fidelities(errors: list[float]) -> list[float]:
 
 
 if __name__ == "__main__":
-    told = {name: fidelities(errors) for name, errors in ERRORS.items()}
+    results = {name: fidelities(errors) for name, errors in ERRORS.items()}
     given = {"fidelity": FIDELITY, "step": STEP_S / COHERENCE_S}
-    print(json.dumps({"program": f"sequence {version('sequence')}", **given, **told}, indent=1))
+    print(json.dumps({"program": f"sequence {version('sequence')}", **given, **results}, indent=1))

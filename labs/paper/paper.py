@@ -40,7 +40,7 @@ def findings(runs: Runs) -> Sequence[Finding]:
     same = sum(one == other for one, other in zip(seen, wanted, strict=True))
     opened = len({e.time_ns for e in run.events if e.kind == "open"})
     return [
-        exactly("Bell states encoded and told", same, 4, "table: bits, operator, Bell state"),
+        exactly("Bell states encoded and reported", same, 4, "table: bits, operator, Bell state"),
         exactly("light paths opened for them", opened, 4, "section 4: the protocol is repeated"),
         exactly("handshakes in the order drawn", ordered, 4, "figure: handshaking"),
         exactly("pairs of nodes seen talking", there, 4, "figure: Wireshark"),
@@ -50,11 +50,11 @@ def findings(runs: Runs) -> Sequence[Finding]:
 
 def _seen(events: Sequence[Event]) -> list[tuple[str, str]]:
     """Return what was done to each pair, and which Bell state was found: X and Psi+."""
-    told = {
+    reports = {
         kind: [e.detail.rpartition(": ")[2].partition("=")[0] for e in events if e.kind == kind]
         for kind in ("apply", "bell-measure")
     }
-    return list(zip(*told.values(), strict=True))
+    return list(zip(*reports.values(), strict=True))
 
 
 def _handshakes(run: RunFacts) -> Iterator[list[Step]]:

@@ -31,8 +31,8 @@ def tasks(figure: dict[str, Any]) -> Sequence[str]:
     return ["swapped"] if "swapped" in figure else ["purified"]
 
 
-def said(figure: dict[str, Any], task: str) -> str:
-    """Return what is said behind `qmn` for a point."""
+def command_for(figure: dict[str, Any], task: str) -> str:
+    """Return the words behind `qmn` for a point."""
     run, sources, noisy = TASKS[task]
     parts = [f"{source}.source.fidelity={figure['fidelity']}" for source in sources]
     for part in noisy:
@@ -65,7 +65,7 @@ POINTS = [(figure, task) for figure in REFERENCE["figures"] for task in tasks(fi
 LAB = Lab(
     title="purification and swapping by noisy gates and readings, as QuISP has it",
     paper="Chung et al., Cross-Validating Quantum Network Simulators (2025), arXiv:2504.01290",
-    runs={f"{figure['name']}-{task}": said(figure, task) for figure, task in POINTS},
+    runs={f"{figure['name']}-{task}": command_for(figure, task) for figure, task in POINTS},
     findings=findings,
     theirs="QuISP",
     charts=(  # without lines: the residuals below one would know no errors of QuISP

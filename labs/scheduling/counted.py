@@ -33,7 +33,7 @@ KINDS = {"made": (UNTIL_MADE, 100 * PACKETS), "released": (RELEASED, PACKETS)}
 
 
 def of(case: Case, seed: int, most: int) -> dict[str, float]:
-    """Return what comes of a case in which each application has `most` releases at most."""
+    """Return the figures of a case in which each application has `most` releases at most."""
     name, rate, order, signalling, draw = case
     wanted = Drawn(COUNT, draw, PACKETS, rate, order == "timetable", most)
     return measured(MAPS[name], wanted, ORDERS[order], signalling, default_rng([seed, draw]))
@@ -42,9 +42,9 @@ def of(case: Case, seed: int, most: int) -> dict[str, float]:
 if __name__ == "__main__":
     seed, runs = sys.argv[2::2]  # --seed 1 --runs DIR
     with ProcessPoolExecutor() as workers:
-        told = defaultdict(list)
+        figures = defaultdict(list)
         for kind, (cases, most) in KINDS.items():
             found = workers.map(partial(of, seed=int(seed), most=most), cases)
             for (*case, _draw), each in zip(cases, found, strict=True):
-                told[" ".join(map(str, (kind, *case)))].append(each)
-    (make_folder(Path(runs), "counted") / RESULT).write_text(json.dumps(told))
+                figures[" ".join(map(str, (kind, *case)))].append(each)
+    (make_folder(Path(runs), "counted") / RESULT).write_text(json.dumps(figures))

@@ -14,7 +14,7 @@ from evidence.labs.drawing import Series, draw_several
 from evidence.labs.lab import Chart, Finding, Lab, Runs, paired
 
 HERE = Path(__file__).parent
-TOLD = json.loads((HERE / "reference.json").read_text())
+REFERENCE = json.loads((HERE / "reference.json").read_text())
 KINDS = [(4, "edf"), (16, "edf"), (64, "edf"), (1, "timetable")]
 WHAT = {"share": "packets made of those released", "turnaround": "s from release to completion"}
 AXIS, NAMES = "packets/s of each application", ("the controller, in counted time", "their program")
@@ -35,7 +35,7 @@ def findings(runs: Runs) -> Sequence[Finding]:
     found = []
     for (rate, order), (what, words) in product(KINDS, WHAT.items()):
         our = ours(runs, what, "made", "tree", rate, order, 0)
-        their = TOLD[f"tree {rate} {order}"][what]
+        their = REFERENCE[f"tree {rate} {order}"][what]
         finding = paired(f"{words}, {order}, {rate}/s", our, their, "their program")
         found.append(replace(finding, chart=what if order == "edf" else "", at=rate))
     times = ours(runs, "turnaround", "made", "garr", 16, "edf", 0)  # light goes round others'
@@ -50,14 +50,16 @@ def files(runs: Runs, folder: Path) -> Sequence[Path]:
     """Draw what orders and signalling do, in counted time and in a network."""
     shares, took = dict[str, Series](), dict[str, Series]()
     for order, times in (("edf", 0), ("edf", 1), ("edf", 10), ("fcfs", 1), ("slots", 1)):
-        told = {
+        reports = {
             at: ours(runs, "share", "released", "tree", at, order, times) for at, _ in KINDS[:3]
         }
         name = f"{order}, messages {times} times as long as fibres"
-        shares[name] = [(at, mean_of_draws(each)) for at, each in told.items()]
+        shares[name] = [(at, mean_of_draws(each)) for at, each in reports.items()]
     for order in ORDERS:
         took[order] = [(times, taken(runs, order, times)[1]) for times in SIGNALLING]
-    theirs = [Mark(0, TOLD["tree 4 edf"]["turnaround"][0], 0, "their program, 30 applications")]
+    theirs = [
+        Mark(0, REFERENCE["tree 4 edf"]["turnaround"][0], 0, "their program, 30 applications")
+    ]
     axes = (AXIS, WHAT["share"]), ("messages, times as long as fibres", WHAT["turnaround"])
     orders = draw_several(folder / "orders.png", "orders and signalling", axes[0], shares)
     return [orders, draw_several(folder / "emulated.png", "in a network", axes[1], took, theirs)]

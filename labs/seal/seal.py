@@ -9,7 +9,7 @@ FALSE_ALARM, MISSED = 1e-9, 1e-4  # abstract: 1e-9, and detection with more than
 INTERVAL_S = 10.0  # abstract: sampling interval
 COMPARED = 40_000
 WATCH = f"--false-alarm {FALSE_ALARM:g} --missed {MISSED:g} --captures none --without report"
-# Tests that take so many differing pairs for a whole fibre go on, so that these can be counted.
+# Tests that take this share of differing pairs for a whole fibre go on, to be counted.
 PATIENT = f"run seal --whole-error 0.2 --fraction 1 --count {COMPARED} {WATCH}"
 TAPPED = {"whole": 0.0, "a-quarter": 0.25, "half": 0.5, "seven-tenths": 0.7}
 FOUND = f"run seal --fraction 1 --count {COMPARED} {WATCH}"
@@ -24,8 +24,8 @@ def findings(runs: Runs) -> Sequence[Finding]:
     """Return the visibilities, and whether the intruder, and nobody else, was found in time."""
     found = []
     for name, fraction in TAPPED.items():
-        told = runs[name].job.asking
-        wrong = proportion(round(told.error_rate * told.compared), told.compared)
+        report = runs[name].job.asking
+        wrong = proportion(round(report.error_rate * report.compared), report.compared)
         seen = Estimate(1 - 2 * wrong.value, 2 * wrong.error)
         theirs = Published(visibility(fraction), 0, "one of four that are intercepted differs")
         found.append(

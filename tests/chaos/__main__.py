@@ -30,7 +30,7 @@ from random import Random
 
 import machine
 from jobs import JOBS, Job, command, whole
-from outcomes import Made, Outcome, bad, first_told, from_fields, summary, told, too_few
+from outcomes import Made, Outcome, bad, describe, first_report, from_fields, summary, too_few
 from strikes import strike
 from under_way import DISK, OUTPUTS, ROOT, UnderWay, drawn
 
@@ -45,15 +45,20 @@ UNSTRUCK_S = 600.0  # that a run which nobody strikes may take on a machine that
 
 
 def main() -> int:
-    """Strike for so long, print each strike, and return 0 if all went well."""
+    """Strike for the given time, print each strike, and return 0 if all went well."""
     parser = argparse.ArgumentParser(prog="tests/chaos", description=__doc__)
-    parser.add_argument("--minutes", type=float, default=3.0, help="for so long (3)")
-    parser.add_argument("--strikes", type=int, help="so many, or a few more; fewer are a fault")
+    parser.add_argument("--minutes", type=float, default=3.0, help="how long (3)")
+    parser.add_argument(
+        "--strikes", type=int, help="number of strikes, or a few more; fewer are a fault"
+    )
     parser.add_argument("--first", type=int, default=0, help="number of the first, to repeat one")
     parser.add_argument("--seed", type=int, default=1, help="repeats jobs, moments and choices (1)")
     parser.add_argument("--log", type=Path, help="a line of JSON for each strike")
     parser.add_argument(
-        "--at-once", type=int, default=os.cpu_count() or 1, help="so many (the processors)"
+        "--at-once",
+        type=int,
+        default=os.cpu_count() or 1,
+        help="strikes at a time (the processors)",
     )
     parser.add_argument(
         "--standing", action="store_true", help="strike one network that outlives it"
@@ -92,7 +97,7 @@ def strike_standing(arguments: argparse.Namespace, wanted: int | None) -> int:
 
     deadline, made, wrong = time.monotonic() + 60 * arguments.minutes, 0, 0
     for each in standing.strikes(arguments.strikes, arguments.seed, arguments.first, deadline):
-        print(standing.told(each), flush=True)
+        print(standing.describe(each), flush=True)
         made, wrong = made + each.is_strike, wrong + bool(each.faults)
     print(f"strikes          {made} at one network\nwrong            {wrong}")
     if fewer := too_few(made, wanted, arguments.minutes):
@@ -120,8 +125,8 @@ def lengths_of_phases() -> dict[str, float]:
         job = whole(place)
         run = UnderWay(command(job.words, place / "runs"))
         if status := run.end(UNSTRUCK_S):
-            said = " | ".join(line for _at, line in run.said[-4:])
-            raise RuntimeError(f"a run that nobody strikes ended with status {status}: {said}")
+            text = " | ".join(line for _at, line in run.lines[-4:])
+            raise RuntimeError(f"a run that nobody strikes ended with status {status}: {text}")
         return run.lengths()
 
 
@@ -151,7 +156,7 @@ def heard(worker: "subprocess.Popen[str]", outcomes: list[Outcome], log: Path | 
     for line in worker.stdout:
         outcome = from_fields(json.loads(line))
         outcomes.append(outcome)
-        print(told(outcome), flush=True)
+        print(describe(outcome), flush=True)
         if log:
             with log.open("a") as file:
                 file.write(line)
@@ -192,14 +197,14 @@ def _struck(
         made += _made(run, random, first)
     last = time.monotonic()
     outcome = Outcome(number, job.words[0], moment, made, run.end(HANG_S * run.slowed))
-    outcome.last_words = [line for _at, line in run.said[-LAST_WORDS:]]
+    outcome.last_words = [line for _at, line in run.lines[-LAST_WORDS:]]
     outcome.slowed = round(run.slowed, 1)
-    causes = [(at, line) for at, line in run.said if line.startswith(("ending: ", "qmn: "))]
+    causes = [(at, line) for at, line in run.lines if line.startswith(("ending: ", "qmn: "))]
     if causes and made:
         at, outcome.cause = causes[0]
-        outcome.cause_after_s = round(first_told(run.said, outcome.cause, at) - first, 2)
+        outcome.cause_after_s = round(first_report(run.lines, outcome.cause, at) - first, 2)
     outcome.ended_after_s = round(time.monotonic() - last, 2)
-    if any("Traceback" in line for _at, line in run.said):
+    if any("Traceback" in line for _at, line in run.lines):
         outcome.faults.append("a traceback")
     return outcome
 

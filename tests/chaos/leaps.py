@@ -101,8 +101,8 @@ class Parties:
             programs.callback(program.kill)
             self._pipes.append((program.stdin, program.stdout))
         for expected in ("listens", "ready"):
-            for _words, said in self._pipes:
-                if json.loads(said.readline() or "null") != expected:
+            for _words, text in self._pipes:
+                if json.loads(text.readline() or "null") != expected:
                     raise RuntimeError("a party has ended")
             for words, _said in self._pipes:
                 print(file=words, flush=True)
@@ -111,8 +111,8 @@ class Parties:
         """End the game; yield how much work each party has done, and its spans."""
         for words, _said in self._pipes:
             words.close()
-        for _words, said in self._pipes:
-            report = json.loads(said.readline())
+        for _words, text in self._pipes:
+            report = json.loads(text.readline())
             yield report["pieces"], [(begin_ns, end_ns) for begin_ns, end_ns in report["spans"]]
 
 

@@ -102,13 +102,13 @@ def from_fields(fields: dict[str, Any]) -> Outcome:
     return Outcome(moment=Moment(**moment), made=strikes, **fields)
 
 
-def first_told(said: Iterable[tuple[float, str]], cause: str, ended: float) -> float:
+def first_report(text: Iterable[tuple[float, str]], cause: str, ended: float) -> float:
     """Return when a run has first named the cause of its end, or of the loss of its light.
 
     It goes on for a while, and ends if its light is not back. So does a tunnel without keys.
     """
-    told = ((at, reason) for at, line in said if (reason := _reason(line)))
-    return min((at for at, reason in told if reason in cause), default=ended)
+    report = ((at, reason) for at, line in text if (reason := _reason(line)))
+    return min((at for at, reason in report if reason in cause), default=ended)
 
 
 def _reason(line: str) -> str:
@@ -132,7 +132,7 @@ def too_few(made: int, wanted: int | None, minutes: float) -> str:
     )
 
 
-def told(outcome: Outcome) -> str:
+def describe(outcome: Outcome) -> str:
     """Return the strikes at one run in one line."""
     what = " + ".join(f"{made.strike.how} to {made.strike.target}" for made in outcome.made)
     end = "HANGS" if outcome.status is None else f"status {outcome.status}"
@@ -142,7 +142,7 @@ def told(outcome: Outcome) -> str:
     late += "; ANOTHER NAMED" if outcome.blames_another else ""
     wrong = "".join(f"; WRONG: {fault}" for fault in (*outcome.faults, *outcome.leftovers))
     if (outcome.status and not outcome.cause) or bad(outcome):
-        wrong += f"; said: {' | '.join(outcome.last_words)}"
+        wrong += f"; output: {' | '.join(outcome.last_words)}"
     when = f"{outcome.moment.phase} {outcome.moment.share:.2f}"
     head = f"{outcome.number:4} {outcome.job:10} {when:12} {what or 'nothing (it had ended)':28}"
     return f"{head} {end}{cause}{late}{wrong}"
@@ -164,7 +164,7 @@ def summary(outcomes: list[Outcome]) -> str:
         f"no cause named   in {sum(outcome.unnamed for outcome in outcomes)} runs that failed",
         f"another named    {len(other)}",
         f"slowed by others {max((o.slowed for o in outcomes), default=1):g} times at most",
-        *(f"                 {told(outcome)}" for outcome in other),
+        *(f"                 {describe(outcome)}" for outcome in other),
     ]
     if timed:
         middle, last = timed[len(timed) // 2], timed[-1]

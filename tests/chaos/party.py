@@ -2,7 +2,7 @@
 
     alice --(piece of work: a message)--> bob --(the next piece)--> charlie ...
 
-Who has a piece of work computes, and then sends it on or waits for a timer. Time has to stand
+A party with a piece of work computes, and then sends it on or waits for a timer. Time has to stand
 while it computes, and from the instant at which a message or a timer is due until it is handled.
 It reports each span of time that passed while it worked, by its own look at the clock.
 """
@@ -30,7 +30,7 @@ SENDS = 0.8  # the share of pieces of work that go on to another party
 
 @dataclass
 class Record:
-    """What this party has seen of time: pieces of work, and spans in which it had to stand."""
+    """The pieces of work of this party, and the spans in which time had to stand."""
 
     pieces: int = 0
     spans: list[tuple[int, int]] = field(default_factory=list)

@@ -44,7 +44,7 @@ class Struck:
 
     number: int
     what: str
-    said: str = ""  # by the transfer that it met, if that failed
+    text: str = ""  # by the transfer that it met, if that failed
     faults: list[str] = field(default_factory=list)
     healed_after_s: float = 0.0
     is_strike: bool = True  # or what is left when the network is gone
@@ -54,7 +54,7 @@ class Transfer:
     """Bytes on their way from alice to bob."""
 
     def __init__(self, network: QuantumNetwork, port: int, data: bytes) -> None:
-        self.data, self.received, self.said = data, bytearray(), ""
+        self.data, self.received, self.text = data, bytearray(), ""
         self._sender = QuantumSocket(network.runtime.socket("alice"))
         self._listener = QuantumSocket(network.runtime.socket("bob"))
         self._port = port
@@ -76,13 +76,13 @@ class Transfer:
                         self.received += part
                     sending.join()
             except (QuantumSocketError, OSError) as error:
-                self.said = self.said or str(error)
+                self.text = self.text or str(error)
 
     def _send(self) -> None:
         try:
             self._sender.sendall(self.data)
         except (QuantumSocketError, OSError) as error:
-            self.said = self.said or str(error)
+            self.text = self.text or str(error)
 
     def give_up(self) -> None:
         """Leave, as an application that ends."""
@@ -102,7 +102,7 @@ class Transfer:
         got = bytes(self.received)
         if not self.data.startswith(got):
             return ["received bytes that nobody sent"]
-        if len(got) < len(self.data) and not self.said:
+        if len(got) < len(self.data) and not self.text:
             return ["less arrived than was sent, and nobody heard why"]
         return []
 
@@ -232,18 +232,18 @@ def one(standing: Standing, number: int, random: Random) -> Struck:
     if not met.finish(HEAL_S):
         made.faults.append(f"the transfer hangs; {len(met.received)} of {len(data)} bytes arrived")
         return made
-    made.said, made.faults = met.said, met.faults()
+    made.text, made.faults = met.text, met.faults()
     after = standing.begin(AFTER)
-    while after.finish(HEAL_S) and after.said and time.monotonic() < struck + HEAL_S:
+    while after.finish(HEAL_S) and after.text and time.monotonic() < struck + HEAL_S:
         after = standing.begin(AFTER)  # a port may not be up again yet
     made.healed_after_s = round(time.monotonic() - struck, 2)
-    if after.said or bytes(after.received) != AFTER:
-        made.faults.append(f"nothing arrives any more: {after.said or 'it hangs'}")
+    if after.text or bytes(after.received) != AFTER:
+        made.faults.append(f"nothing arrives any more: {after.text or 'it hangs'}")
     return made
 
 
-def told(made: Struck) -> str:
+def describe(made: Struck) -> str:
     """Return one strike in one line."""
-    said = f"; {made.said[:100]}" if made.said else ""
+    text = f"; {made.text[:100]}" if made.text else ""
     wrong = "".join(f"; WRONG: {fault}" for fault in made.faults)
-    return f"{made.number:4} {made.what:28} whole after {made.healed_after_s:5.2f} s{said}{wrong}"
+    return f"{made.number:4} {made.what:28} whole after {made.healed_after_s:5.2f} s{text}{wrong}"

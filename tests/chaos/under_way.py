@@ -81,7 +81,7 @@ class UnderWay:
         )
         os.close(writes)
         self.pid = self._process.pid
-        self.said: list[tuple[float, str]] = []
+        self.lines: list[tuple[float, str]] = []
         self.slowed = 1.0  # by others that want the same processor
         self._begun = [time.monotonic()]  # each phase
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -133,7 +133,7 @@ class UnderWay:
 
     def _note(self, line: str) -> None:
         now = time.monotonic()
-        self.said.append((now, line.strip()))
+        self.lines.append((now, line.strip()))
         self.slowed = machine.slowed(machine.runner_of(self.pid)) or self.slowed
         for number in range(len(self._begun), len(NAMES)):
             if any(words in line for words in PHASES[NAMES[number]]):

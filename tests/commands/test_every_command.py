@@ -239,11 +239,11 @@ def test_a_command_of_a_page_ends_as_it_says(
         statuses = {0, 130}
     elif "no key" in command.line.partition("#")[2]:
         statuses = {1}
-    said = done.stdout + done.stderr
+    output = done.stdout + done.stderr
     assert done.returncode in statuses, done.stdout[-3000:] + done.stderr[-3000:]
-    assert "Traceback" not in said
+    assert "Traceback" not in output
     for each in command.printed:
-        assert without_numbers(each) in without_numbers(said), said
+        assert without_numbers(each) in without_numbers(output), output
 
 
 @pytest.mark.parametrize("command", ASKING, ids=lambda each: f"{each.page}: {each.line}")

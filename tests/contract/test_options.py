@@ -1,7 +1,7 @@
 """Every option of a network comes to the programs that need it, and no other.
 
 The options are those that are declared. One that is a setting of a program comes to it by its name;
-what each other does is said here, and a new one without that fails.
+the table here has the effect of each other one, and a new one without an entry fails.
 """
 
 from collections.abc import Callable, Iterator

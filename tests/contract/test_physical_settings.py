@@ -95,8 +95,8 @@ def device(settings: Mapping[str, Any]) -> Device:
 
 def words(settings: Mapping[str, Any]) -> list[str]:
     """Return settings of alice's device as they are written on the command line."""
-    said = [f"alice.{name}={text(value)}" for name, value in settings.items()]
-    return [word for each in said for word in ("--device", each)]
+    lines = [f"alice.{name}={text(value)}" for name, value in settings.items()]
+    return [word for each in lines for word in ("--device", each)]
 
 
 @pytest.mark.parametrize("setting", DEVICE)

@@ -227,7 +227,7 @@ def lent(name: str, folder: Path) -> Any:
     if name == SECOND:
         return STANDING.take(name, partial(second_machine, folder))
     if name == SWITCH:
-        own = Path(mkdtemp(dir=folder))  # its socket is there; it may stand more than once
+        own = Path(mkdtemp(dir=folder))  # for its socket; it may stand more than once
         return STANDING.take(name, partial(scene_of_agents().running_switch, own))
     return STANDING.take(name, partial(standing, name, folder))
 

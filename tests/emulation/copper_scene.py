@@ -35,8 +35,8 @@ def have_patience(*bridges: str) -> None:
     """
     asked = [f"-- get Bridge {bridge} controller" for bridge in bridges]
     rows = re.findall(r"[0-9a-f-]{36}", run("ovs-vsctl", *" ".join(asked).split()))
-    told = [f"-- set Controller {row} inactivity_probe={PATIENCE_MS}" for row in rows]
-    run("ovs-vsctl", *" ".join(told).split())
+    reports = [f"-- set Controller {row} inactivity_probe={PATIENCE_MS}" for row in rows]
+    run("ovs-vsctl", *" ".join(reports).split())
 
 
 @contextmanager

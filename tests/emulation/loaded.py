@@ -1,7 +1,7 @@
 """Programs that some processes have loaded for all networks of these tests, and fork off.
 
-Else each run would spend most of its processor time on loading them again. What strikes at programs
-or signals starts `qmn` itself, as a user does, and so do the examples and the documentation.
+Else each run would spend most of its processor time on loading them again. Tests of
+strikes and signals start `qmn` itself, as a user does, and so do the examples and the pages.
 """
 
 import os
@@ -157,9 +157,9 @@ class Loaded(ForkServer):
         If it is `typed` to, it reads what is written to `stdin`.
         """
         with ExitStack() as stack:
-            ours, said = os.pipe()
-            files = {1: said}
-            stack.callback(os.close, said)
+            ours, text = os.pipe()
+            files = {1: text}
+            stack.callback(os.close, text)
             stdin = None
             if typed:
                 files[0], keyboard = os.pipe()
@@ -197,13 +197,13 @@ class Running:
 
     def finish(self, timeout_s: float) -> str:
         """Wait until it has ended; return its output since the last read."""
-        said: list[str] = []
+        lines: list[str] = []
         # Nobody ends who cannot say all that he has to.
-        reader = Thread(target=lambda: said.append(self.stdout.read()))
+        reader = Thread(target=lambda: lines.append(self.stdout.read()))
         reader.start()
         self.wait(timeout_s)
         reader.join(timeout_s)
-        return said[0]
+        return lines[0]
 
 
 def read(file: IO[str]) -> str:

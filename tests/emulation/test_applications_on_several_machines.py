@@ -67,12 +67,12 @@ def stored(folder: Path) -> dict[str, tuple[bytes, int]]:
 def test_keys_of_a_host_on_a_second_machine_are_those_of_one_machine_and_come_back(
     second: SecondMachine, tmp_path: Path
 ) -> None:
-    told = {}
+    reports = {}
     words = ["run", "keys", *LINK, "--seconds", "6", "--captures", "none", "--without", "events"]
     for name, where in (("one", ()), ("two", ON_SECOND)):
         keys = ("--keys", str(tmp_path / f"{name}-keys"))
-        told[name] = run(tmp_path / name, *words, *keys, *where)
-    one, two = (stored(tmp_path / f"{name}-keys") for name in told)
+        reports[name] = run(tmp_path / name, *words, *keys, *where)
+    one, two = (stored(tmp_path / f"{name}-keys") for name in reports)
     assert two == one
     mine, theirs = (
         {path.rpartition("/")[2]: key for path, (key, _mode) in two.items() if path.startswith(way)}
@@ -81,8 +81,10 @@ def test_keys_of_a_host_on_a_second_machine_are_those_of_one_machine_and_come_ba
     assert mine == theirs
     assert len(mine) >= 16
     assert {mode for _key, mode in two.values()} == {0o600}
-    assert told["two"]["machines"]["m2"]["hosts"] == ["bob"]
-    facts = [{**each["job"]["asking"], "elapsed_s": 0, "keys_per_s": 0} for each in told.values()]
+    assert reports["two"]["machines"]["m2"]["hosts"] == ["bob"]
+    facts = [
+        {**each["job"]["asking"], "elapsed_s": 0, "keys_per_s": 0} for each in reports.values()
+    ]
     assert facts[0] == facts[1]
     # What Wireshark needs for what bob's key manager says to others has come back, too.
     log = tmp_path / "two" / "latest" / "kme-bob.keys"
@@ -149,9 +151,9 @@ def test_a_tunnel_between_machines_closes_while_eve_listens_and_the_file_arrives
     result = run(tmp_path / "runs", *words, timeout_s=PROGRAM_S)
     folder = tmp_path / "runs" / "latest"
     assert (folder / "received").read_bytes() == file.read_bytes()
-    told = result["job"]["asking"]
-    assert (told["file_intact"], told["received_bytes"]) == (True, 4_000_000)
-    assert told["tunnel_closed_s"] > 0
+    report = result["job"]["asking"]
+    assert (report["file_intact"], report["received_bytes"]) == (True, 4_000_000)
+    assert report["tunnel_closed_s"] > 0
     hosts = result["machines"]["m2"]["hosts"]
     assert [f"{host}=m2" for host in hosts] == sorted(places)
     alarms = [each for each in result["job"]["time_series"] if each["event"] == "alarm"]
@@ -177,14 +179,14 @@ def test_what_cannot_be_on_the_second_machine_is_named_before_the_start(
     second.says("mount", "--bind", "/dev/null", "/usr/bin/wireguard-go")
     link = application(tmp_path / "app") / "data" / "link"
     link.symlink_to("/etc/hostname")
-    for words, said in (
+    for words, text in (
         (["run", "vpn"], "wireguard-go is not installed on m2, where bob is: apt-get install"),
         (["run", "qkd", "--hand-out", str(tmp_path / "out")], "the keys of bob are on m2"),
         (["netqasm", str(tmp_path / "app")], f"{link} is neither a file nor a folder"),
     ):
         done = qmn(*words, *ON_SECOND, "--runs", str(tmp_path / "runs"))
         assert done.returncode == 1
-        assert said in done.stderr
+        assert text in done.stderr
         assert "starting the network" not in done.stdout
 
 
@@ -234,16 +236,16 @@ def test_a_netqasm_application_on_two_machines_returns_and_writes_what_it_does_o
 ) -> None:
     app = application(tmp_path / "app")
     words = ["netqasm", str(app), "--captures", "none", *ON_SECOND, "--rounds", "2"]
-    told = run(app / "runs", *words)["job"]["outputs"]
-    assert len(told) == 2
-    for outputs in told:
+    report = run(app / "runs", *words)["job"]["outputs"]
+    assert len(report) == 2
+    for outputs in report:
         found = outputs["alice"]["found"]  # of Phi+, in either order of the measurements
         assert outputs == {
             role: {"read": "beside", "found": found, "role": role} for role in ("alice", "bob")
         }
         assert len(found) == 16
     # Files that bob's program wrote beside itself do not come into the application's folder.
-    last, folder = told[1], app / "runs" / "latest" / "netqasm"
+    last, folder = report[1], app / "runs" / "latest" / "netqasm"
     assert (folder / "bob" / "data" / "found.txt").read_text() == f"bob {last['bob']['found']}"
     assert [path.name for path in (folder / "bob").rglob("*") if path.is_file()] == ["found.txt"]
     here = app / "data" / "found.txt"
@@ -300,14 +302,14 @@ LASTING = {  # runs, each with a program of bob's, and what its log says when it
 def test_a_worker_that_is_killed_ends_the_job_by_name_and_leaves_nothing(
     job: str, second: SecondMachine, tmp_path: Path
 ) -> None:
-    words, program, said = LASTING[job]
+    words, program, text = LASTING[job]
     app = str(application(tmp_path / "app"))
-    told = [app if word == "APP" else word for word in words]
-    told += ["--without", "report", "--runs", str(tmp_path / "runs"), *ON_SECOND]
+    reports = [app if word == "APP" else word for word in words]
+    reports += ["--without", "report", "--runs", str(tmp_path / "runs"), *ON_SECOND]
     log = tmp_path / "runs" / "latest" / f"{program}.log"
-    command, pipe = [sys.executable, "-m", "qmn", *told], subprocess.PIPE
+    command, pipe = [sys.executable, "-m", "qmn", *reports], subprocess.PIPE
     with subprocess.Popen(command, cwd=ROOT, stdout=pipe, stderr=pipe, text=True) as process:
-        wait_until(lambda: log.exists() and said in log.read_text(), f"{program} at work")
+        wait_until(lambda: log.exists() and text in log.read_text(), f"{program} at work")
         os.kill(next(descendants(second.worker.pid)), signal.SIGKILL)
         STANDING.spoil()
         _said, complaint = process.communicate(timeout=LOST_WITHIN_S)

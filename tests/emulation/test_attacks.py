@@ -165,7 +165,7 @@ def test_q1_opens_no_light_for_a_set_up_that_has_not_come_to_itself(tmp_path: Pa
 
 def test_the_verb_prints_the_count() -> None:
     assert {*ATTEMPTS, *TLS} == {each for each in ATTACKS if isinstance(ATTACKS[each], Attack)}
-    said = verb("lab", "attack", "set-up-flooding", "--attempts", "5", "--defence", "on").stdout
-    assert "set-up-flooding" in said
-    assert "handshakes on" in said
-    assert "0 of 5 set-ups" in said
+    text = verb("lab", "attack", "set-up-flooding", "--attempts", "5", "--defence", "on").stdout
+    assert "set-up-flooding" in text
+    assert "handshakes on" in text
+    assert "0 of 5 set-ups" in text

@@ -46,11 +46,11 @@ with socket.create_connection((sys.argv[1], int(sys.argv[2])), 5) as connection:
 
 def spoken(network: Network, host: str, data: bytes, to: str = BOB) -> Message | None:
     """Let a host say something to a stack in one write; return what it hears, None for silence."""
-    script, said = network.runtime.logs.parent / "speak.py", network.runtime.logs.parent / "said"
+    script, text = network.runtime.logs.parent / "speak.py", network.runtime.logs.parent / "speech"
     script.write_text(SPEAK)
-    said.write_bytes(data)
-    told = network.host(host).cmd(f"{sys.executable} {script} {to} {METADATA_PORT} {said}")
-    (heard,) = re.findall(r"heard=([0-9a-f]*)", told)
+    text.write_bytes(data)
+    output = network.host(host).cmd(f"{sys.executable} {script} {to} {METADATA_PORT} {text}")
+    (heard,) = re.findall(r"heard=([0-9a-f]*)", output)
     answer = bytes.fromhex(heard)
     return decode(answer[: message_length(answer)]) if answer else None
 
@@ -103,8 +103,8 @@ def pose_as_alice(network: Network) -> bytes:
     charlie, alice = network.host("charlie"), network.host("alice")
     words = f"{charlie.defaultIntf()} {charlie.MAC()} {alice.MAC()}"
     with captured(network, "s1-eth2") as capture:
-        said = charlie.cmd(f"{sys.executable} {script} {words}")
-        assert "Traceback" not in said, said
+        output = charlie.cmd(f"{sys.executable} {script} {words}")
+        assert "Traceback" not in output, output
         wait_until(lambda: b"own" in capture.read_bytes(), "own")
         return capture.read_bytes()
 
@@ -153,8 +153,8 @@ def test_nothing_passes_that_the_switch_cannot_see_into(shared_network: Network)
     charlie, bob = network.host("charlie"), network.host("bob")
     words = f"{charlie.defaultIntf()} {charlie.MAC()} {bob.MAC()} {METADATA_PORT}"
     with captured(network, "s1-eth2") as capture:
-        said = charlie.cmd(f"{sys.executable} {script} {words}")
-        assert "Traceback" not in said, said
+        output = charlie.cmd(f"{sys.executable} {script} {words}")
+        assert "Traceback" not in output, output
         wait_until(lambda: b"own" in capture.read_bytes(), "what is in pieces, and no TCP")
         carried = capture.read_bytes()
     assert b"under one tag" in carried
@@ -169,10 +169,10 @@ def take_the_next_number_of_alice(network: Network) -> tuple[Reason, int]:
     require_nothing_left(network)
     number = int(str(facts(network, "granted")[before]["session"]), 16) + NUMBERS_APART
     with listening(network, "teleport"):
-        told = spoken(network, "charlie", replace(SETUP, session=number).encode())
-    assert isinstance(told, Answer)
+        report = spoken(network, "charlie", replace(SETUP, session=number).encode())
+    assert isinstance(report, Answer)
     require_nothing_left(network)
-    return Reason(told.reason), number
+    return Reason(report.reason), number
 
 
 def test_nobody_takes_the_number_of_another_s_session(shared_network: Network) -> None:
@@ -210,8 +210,8 @@ def test_a_host_cannot_announce_the_fibre_of_another(shared_network: Network) ->
     frame = announcement("bob", "bob-q0", BOB, bytes(6), 30, NodeFeatures(EVERYTHING, 8))
     script = network.runtime.logs.parent / "announce.py"
     script.write_text(ANNOUNCE)
-    said = network.host("charlie").cmd(f"{sys.executable} {script} charlie-q0 {frame.hex()}")
-    assert said == ""
+    output = network.host("charlie").cmd(f"{sys.executable} {script} charlie-q0 {frame.hex()}")
+    assert output == ""
     wait_until(lambda: "LLDP in the name of bob without its seal" in log.read_text(), "a complaint")
     ports = {fact["at"] for fact in facts(network, "fiber") if fact["host"] == "bob"}
     assert len(ports) == 2  # those of his own two fibres
@@ -269,9 +269,9 @@ def test_a_host_does_not_act_by_the_page_of_the_command_that_runs_it(
     monkeypatch.setenv(LIVE_PAGES, str(pages.folder))
     assert pages.secret
     with running(SdcTopo, tmp_path) as network:
-        said = network.host("charlie").cmd(f"cat ${LIVE_PAGES}/secret; find ${LIVE_PAGES}")
-    assert pages.secret not in said
-    assert said.split()[-1] == str(pages.folder)  # it is empty
+        output = network.host("charlie").cmd(f"cat ${LIVE_PAGES}/secret; find ${LIVE_PAGES}")
+    assert pages.secret not in output
+    assert output.split()[-1] == str(pages.folder)  # it is empty
 
 
 def test_earlier_runs_are_hidden_where_there_is_nothing_else(tmp_path: Path) -> None:

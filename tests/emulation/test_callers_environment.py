@@ -21,11 +21,11 @@ BY_SHELLS = {"PWD", "OLDPWD", "SHLVL", "_", "LC_CTYPE"}
 OF_A_PROGRAM = 'py open(f"/proc/{network.runtime.programs[0].pid}/environ").read().split(chr(0))'
 
 
-def called(*words: str, said: str = "") -> str:
+def called(*words: str, text: str = "") -> str:
     """Return what bin/qmn says, in the environment of the caller and no other."""
     done = subprocess.run(
         [QMN, *words],
-        input=said,
+        input=text,
         env=CALLER,
         cwd="/",
         capture_output=True,
@@ -56,7 +56,7 @@ def test_shells_of_hosts_have_the_environment_of_the_caller(tmp_path: Path) -> N
     popen = 'py alice.pexec("env")[0].replace(chr(10), chr(13))'
     commands = f"alice env\nsh echo\n{popen}\nsh echo; env -u PATH\n{OF_A_PROGRAM}\n"
     words = ["cli", "sdc", "--runs", str(tmp_path)]
-    host, started, machine = called(*words, said=commands).rsplit("\n\n", 2)
+    host, started, machine = called(*words, text=commands).rsplit("\n\n", 2)
     of_host, of_machine = environment(host), environment(machine)
     of_started = environment(started.replace("\\r", "\n"))
     for found in (of_host, of_started, of_machine):
@@ -79,7 +79,7 @@ def test_what_a_run_leaves_is_of_who_has_called_sudo_but_not_what_its_links_name
     roots.write_text("secret")
     folder = tmp_path / "runs" / "one"
     (folder / "deep").mkdir(parents=True)
-    (folder / "log").write_text("told")
+    (folder / "log").write_text("text")
     for link, target in (("link", roots), ("deep/folder", tmp_path)):
         (folder / link).symlink_to(target)
     give_tree(folder)

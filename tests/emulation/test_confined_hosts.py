@@ -54,9 +54,9 @@ def searched(network: Network, host: str) -> str:
     words = [runtime.token("alice"), runtime.device_key("alice"), runtime.token("ed")]
     folders = [str(runtime.folder), str(runtime.logs)]
     given = (",".join(each) for each in (folders, sockets, words))
-    said = network.host(host).cmd(f"{sys.executable} {script} {' '.join(given)}")
-    found = re.search(r"found=(.*)", said)
-    assert found, said
+    output = network.host(host).cmd(f"{sys.executable} {script} {' '.join(given)}")
+    found = re.search(r"found=(.*)", output)
+    assert found, output
     return found[1].strip()
 
 
@@ -119,8 +119,8 @@ def test_what_is_shown_to_a_host_it_cannot_change(shared_network: Network) -> No
     ]
     assert charlie.cmd(f"touch {runtime.written_folder('charlie')}/own; echo $?").strip() == "0"
     connect = f"socket.socket(socket.AF_UNIX).connect({runtime.socket('charlie')!r})"
-    said = charlie.cmd(f'{sys.executable} -c "import socket; {connect}; print(42)"')
-    assert said.strip() == "42"
+    output = charlie.cmd(f'{sys.executable} -c "import socket; {connect}; print(42)"')
+    assert output.strip() == "42"
 
 
 def test_a_host_does_not_see_where_programs_of_another_meet(shared_network: Network) -> None:
@@ -147,8 +147,8 @@ def test_a_host_has_terminals_of_its_own_and_no_others(shared_network: Network) 
     for host in (charlie, alice):
         assert host.cmd(f"ls /dev/pts; head -c 1 {terminal}").split()[0] == "ptmx"
         assert "No such file" in host.cmd(f"head -c 1 {terminal}")
-        said = host.cmd(f"{sys.executable} -c 'import pty; pty.spawn([\"tty\"])'")
-        assert said.strip() == "/dev/pts/0"
+        output = host.cmd(f"{sys.executable} -c 'import pty; pty.spawn([\"tty\"])'")
+        assert output.strip() == "/dev/pts/0"
 
 
 def test_root_stays_root_and_tools_work(shared_network: Network) -> None:

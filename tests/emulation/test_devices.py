@@ -68,14 +68,14 @@ def test_every_device_is_known_and_a_pulse_rate_is_overridden(shared_network: Ne
                     devices()[host].get(name, 0) - before[host].get(name, 0) == 28
                     for host, name in counters.items()
                 ),
-                "all have told of their pairs",
+                "pairs in all reports",
             )
             known = devices()
             assert known["alice"]["in_use"]["rate_hz"] == 1_000_000
             assert known["alice"]["sessions"] == {"sending": 1, "receiving": 0, "serving": 0}
-            wait_until(lambda: len(devices()["q1"]["paths"]) == 3, "q1 has told of its paths")
+            wait_until(lambda: len(devices()["q1"]["paths"]) == 3, "the paths of q1 in its report")
             receiver.close()
-    wait_until(lambda: not devices()["q1"]["paths"], "q1 has told that they are gone")
+    wait_until(lambda: not devices()["q1"]["paths"], "no paths in the report of q1")
     assert qmn("set", "host", "alice", "rate-hz", "default").stdout == (
         "alice: overridden in new sessions: nothing\n"
     )

@@ -49,11 +49,11 @@ def test_a_noisy_network_delivers_by_an_interleaved_code(tmp_path: Path) -> None
     assert done.returncode == 0, done.stdout + done.stderr
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
     assert (tmp_path / "latest" / "received").read_text() == message
-    told = result["job"]["asking"]
-    assert (told["fec"], told["interleave"]) == (Fec.GOLAY, 1)
-    assert told["corrected_symbols"] > 100
+    report = result["job"]["asking"]
+    assert (report["fec"], report["interleave"]) == (Fec.GOLAY, 1)
+    assert report["corrected_symbols"] > 100
     frames = -(-len(message) // 16)
-    assert told["repeated_frames"] < frames  # without a code nearly every try fails
+    assert report["repeated_frames"] < frames  # without a code nearly every try fails
     assert "golay, interleaved, rate 0.5" in done.stdout
 
 

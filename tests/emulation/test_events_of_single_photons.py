@@ -27,11 +27,11 @@ Happening = tuple[object, ...]  # what happened where to which half of a block
 
 def photons_of(events: Iterable[dict[str, Any]]) -> dict[Happening, list[int]]:
     """Return the photons shown of each event of a block, in order; 0 is the block's event."""
-    told: dict[Happening, list[int]] = defaultdict(list)
+    reports: dict[Happening, list[int]] = defaultdict(list)
     for event in (event for event in events if "block" in event):
         names = ("node", "kind", "block", "half", "port")
-        told[tuple(event.get(name) for name in names)].append(event.get("photon", 0))
-    return told
+        reports[tuple(event.get(name) for name in names)].append(event.get("photon", 0))
+    return reports
 
 
 def spied(*arguments: str) -> list[dict[str, Any]]:
@@ -51,23 +51,23 @@ def test_a_run_and_a_spy_tell_of_as_many_single_photons_as_were_asked_for(tmp_pa
         watch = [*SPY, "--per-qubit", "--node", "bob"]
         with subprocess.Popen(watch, cwd=ROOT, stdout=pipe, stderr=pipe, text=True) as spy:
             output, problem = run.communicate(timeout=SOON_S)
-            lines, said = spy.communicate(timeout=SOON_S)
+            lines, text = spy.communicate(timeout=SOON_S)
     assert run.returncode == 0, output + problem
-    assert spy.returncode == 0, said
-    assert said.endswith(" 0 dropped\n")
+    assert spy.returncode == 0, text
+    assert text.endswith(" 0 dropped\n")
 
     live = photons_of(json.loads(line) for line in lines.splitlines())
     assert ("bob", "bell-measure", BLOCKS, 0, None) in live
-    assert all(told == [*range(WATCHED_PHOTONS + 1)] for told in live.values())
+    assert all(report == [*range(WATCHED_PHOTONS + 1)] for report in live.values())
 
     blocks, everything = (
         spied(str(tmp_path / "latest"), *words) for words in ([], ["--per-qubit"])
     )
-    assert all(told == [0] for told in photons_of(blocks).values())
+    assert all(report == [0] for report in photons_of(blocks).values())
     assert all(event["photons"] == PAIRS for event in blocks if "block" in event)
     written = photons_of(everything)
     assert written.keys() == photons_of(blocks).keys()
-    assert all(told == [*range(WRITTEN_PHOTONS + 1)] for told in written.values())
+    assert all(report == [*range(WRITTEN_PHOTONS + 1)] for report in written.values())
     kinds = [str(happening[1]) for happening in written if happening[2] == BLOCKS]
     assert sorted(kinds) == sorted(
         ["create", "apply", "bell-measure", *["send", "arrive", "receive"] * 3]

@@ -40,7 +40,7 @@ def run(*words: str, cwd: Path = ROOT, commands: str = "") -> str:
     return done.stdout
 
 
-def said(commands: str, runs: Path, *options: str) -> str:
+def output(commands: str, runs: Path, *options: str) -> str:
     """Return what the command line of a network prints to these commands."""
     return run("cli", "sdc", *options, "--runs", str(runs), commands=commands)
 
@@ -120,7 +120,9 @@ def listening(program: Path, log: Path) -> str:
 def test_a_socket_says_hello(tmp_path: Path) -> None:
     log = tmp_path / "log"
     alice = f"alice python {EXAMPLES}/hello.py bob 'how are you?'\n"
-    printed = said(listening(EXAMPLES / "hello.py", log) + alice + "bob wait\n", tmp_path / "runs")
+    printed = output(
+        listening(EXAMPLES / "hello.py", log) + alice + "bob wait\n", tmp_path / "runs"
+    )
     # 12 bytes of four pairs each, by Hamming(7,4) seven fourths of that.
     assert "sent, by 84 Bell pairs" in printed
     assert log.read_text() == "listening\n10.0.0.1: how are you?\n"
@@ -130,7 +132,7 @@ def test_a_socket_says_hello(tmp_path: Path) -> None:
 def test_the_example_waits_for_a_listener_that_begins_later(tmp_path: Path) -> None:
     log, program = tmp_path / "log", EXAMPLES / "hello.py"
     bob = f"bob sh -c 'sleep 2; python {program}' > {log} &\n"
-    printed = said(f"{bob}alice python {program} bob hello\nbob wait\n", tmp_path / "runs")
+    printed = output(f"{bob}alice python {program} bob hello\nbob wait\n", tmp_path / "runs")
     assert "sent, by 35 Bell pairs" in printed  # 5 bytes: 20 pairs, times 7/4
     assert log.read_text() == "listening\n10.0.0.1: hello\n"
 
@@ -189,18 +191,18 @@ def test_who_measures_before_the_bases_are_told_is_not_where_he_should_be(
     """Of 120 outcomes along bases by chance, a quarter is wrong."""
     found = printed_by(DOCS / "netqasm" / "position.py", shared_network, tmp_path)
     line = " ".join(found["charlie"])
-    told = re.findall(r"(in place|elsewhere): (\d+) of (\d+) wrong, ([\d.]+) ms, (\d+) km", line)
-    (_place, wrong, pairs, *_), (_other, guessed, *_rest) = told
+    reports = re.findall(r"(in place|elsewhere): (\d+) of (\d+) wrong, ([\d.]+) ms, (\d+) km", line)
+    (_place, wrong, pairs, *_), (_other, guessed, *_rest) = reports
     assert (int(wrong), int(pairs)) == (0, 120)
     assert abs(int(guessed) - 30) < 5 * np.sqrt(120 * 0.25 * 0.75)
-    for _place, _wrong, _pairs, elapsed_ms, km in told:
+    for _place, _wrong, _pairs, elapsed_ms, km in reports:
         assert abs(float(elapsed_ms) / 2e3 * 204_000 - float(km)) < 12  # as far as it is rounded
 
 
 @pytest.mark.nightly
 def test_where_nobody_listens_the_example_says_so_in_a_line(tmp_path: Path) -> None:
     commands = f"alice python {EXAMPLES}/hello.py bob hello || echo status $?\n"
-    printed = said(commands, tmp_path)
+    printed = output(commands, tmp_path)
     assert re.search(r"^hello: .+\nstatus 1$", printed.replace("\r", ""), re.MULTILINE), printed
     assert "Traceback" not in printed
 
@@ -229,7 +231,7 @@ def test_openssl_talks_tls_by_a_key_of_photons(tmp_path: Path) -> None:
     program = DOCS / "keys" / "tls_psk.py"
     alice = f"alice python {program} bob 'hello there'\n"
     commands = listening(program, tmp_path / "log") + alice + "bob wait\n"
-    printed = said(commands, tmp_path / "runs", "--key-pair", "alice:bob", "--captures", "full")
+    printed = output(commands, tmp_path / "runs", "--key-pair", "alice:bob", "--captures", "full")
     assert "ereht olleh" in printed
     assert "Protocol version: TLSv1.3" in printed
     assert "No peer certificate" in printed
@@ -237,8 +239,8 @@ def test_openssl_talks_tls_by_a_key_of_photons(tmp_path: Path) -> None:
     for packet in rdpcap(str(tmp_path / "runs" / "latest" / "s1-eth1.pcap")):
         if TCP in packet and packet[TCP].dport in sent and packet[TCP].payload:
             sent[packet[TCP].dport][packet[TCP].seq] = bytes(packet[TCP].payload)
-    told, spoken = (b"".join(segments.values()) for segments in sent.values())
-    key_id = UUID(told.decode().strip())
+    report, spoken = (b"".join(segments.values()) for segments in sent.values())
+    key_id = UUID(report.decode().strip())
     assert str(key_id).encode() in spoken  # the identity, in ClientHello
     assert b"hello" not in spoken
 

@@ -189,9 +189,9 @@ def test_a_failure_tells_how_far_it_came(tmp_path: Path) -> None:
     assert "too noisy for frames of 4096 bytes; choose fewer (--frame-bytes; no" in done.stderr
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
     assert result["delivered"] is False
-    told = result["job"]["asking"]
-    assert told["repeated_frames"] == 64
-    assert told["bell_pairs"] == 64 * 4 * 4096
+    report = result["job"]["asking"]
+    assert report["repeated_frames"] == 64
+    assert report["bell_pairs"] == 64 * 4 * 4096
     page = (tmp_path / "latest").resolve() / "report.html"
     assert done.stderr.splitlines()[1:] == [f"report to look at: {page}"]
     assert "too noisy for frames" in page.read_text()

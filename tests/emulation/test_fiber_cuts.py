@@ -47,15 +47,17 @@ def test_a_session_that_loses_its_light_says_so_at_once_and_when_it_is_back(
     ):
         lost.look()  # at what other tests have left in the record
 
-        def told(words: str) -> bool:
+        def report(words: str) -> bool:
             lost.look()
             return screen.getvalue().endswith(words)
 
         before = len(screen.getvalue())
         network.net.configLinkStatus("alice", "q1", "down")
-        wait_until(lambda: told("no light: fibre alice-q1 (alice-q0) is cut\n"), "it is told")
+        wait_until(
+            lambda: report("no light: fibre alice-q1 (alice-q0) is cut\n"), "the report of the cut"
+        )
         network.net.configLinkStatus("alice", "q1", "up")
-        wait_until(lambda: told("light is back\n"), "it is told that it is whole")
+        wait_until(lambda: report("light is back\n"), "the report of the mended fibre")
         lost.look()
         assert screen.getvalue()[before:].count("\n") == 2
 

@@ -37,7 +37,7 @@ OUT_PORT = ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT
 
 # Words of 32 bits, as docs/inner-ports.md has them: kind and input or half, number, parameters.
 LINEAR, GATES, HALF, NEVER = (2, 800_000, 950_000, 0, 1000), 10_000, 500_000, (0xFFFFFFFF,) * 2
-SAID = {
+ANSWERS = {
     "q1": {
         60_001: (1 << 16 | 1, 1, 3, 10**6, 10**6, GATES, 1000, 0, 0),
         60_002: (1 << 16 | 2, 1, 3, 10**6, 10**6, GATES, 1000, 0, 0),
@@ -114,11 +114,11 @@ def test_memories_and_sources_answer_as_openflow_says(tmp_path: Path) -> None:
 
 def test_ports_say_to_which_parts_they_lead(tmp_path: Path) -> None:
     with nothing_left(), running(Parts, tmp_path):
-        for name, said in SAID.items():
+        for name, text in ANSWERS.items():
             with Operator(name) as operator:
                 ports = {port.port_no: port.properties for port in described(operator)}
-            assert {number for number in ports if FIRST_INNER_PORT <= number < TOP} == {*said}
-            for number, words in said.items():
+            assert {number for number in ports if FIRST_INNER_PORT <= number < TOP} == {*text}
+            for number, words in text.items():
                 (part,) = ports[number]
                 assert (part.experimenter, part.exp_type) == (0x00514D4E, 1)
                 assert tuple(part.data) == words

@@ -106,7 +106,7 @@ def test_a_package_of_a_third_party_extends_it(qmn: Path, tmp_path: Path) -> Non
 
 
 def test_its_scheduler_passes_exercise_6_of_the_course(qmn: Path, tmp_path: Path) -> None:
-    """Who came last is served first."""
+    """The last request is served first."""
     runs = [tmp_path / "fcfs", tmp_path / "lifo"]
     for place, more in zip(runs, ([], ["--policy", "lifo"]), strict=True):
         output(tmp_path, qmn, "run", *LOAD.split(), *more, "--runs", str(place))

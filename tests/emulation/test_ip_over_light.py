@@ -73,9 +73,9 @@ def pings(count: int, words: str) -> str:
     return f"(for each in {times}; do ping -W 30 -c 1 {words} & sleep 0.2; done; wait)"
 
 
-def answered(said: str) -> int:
+def answered(text: str) -> int:
     """Return how many of such pings were answered."""
-    return said.count(" 1 received")
+    return text.count(" 1 received")
 
 
 def copper(network: Network, host: str) -> list[Packet]:
@@ -118,10 +118,12 @@ def test_a_file_comes_by_http_and_light_is_given_back(network: Network, tmp_path
     try:
         server.wait_for("Serving", 10.0)
         got = tmp_path / "got"
-        said = run(network, "alice", f"curl -sS -m 60 -o {got} http://10.1.0.2:8080/file; echo $?")
+        output = run(
+            network, "alice", f"curl -sS -m 60 -o {got} http://10.1.0.2:8080/file; echo $?"
+        )
     finally:
         server.stop()
-    assert said.split()[-1] == "0", said
+    assert output.split()[-1] == "0", output
     assert got.read_bytes() == content
     wait_until(lambda: not light_paths("q1"), "light given back", DARK_S)
     assert not any(content[:64] in bytes(packet) for packet in copper(network, "alice"))
@@ -148,15 +150,15 @@ def test_a_shell_and_a_copied_file_come_by_light(network: Network, tmp_path: Pat
     options = f"-F none -i {key} -o BatchMode=yes -o ConnectTimeout=30 {checks}"
     try:
         server.wait_for("Not backgrounding", 10.0)
-        said = run(
+        output = run(
             network, "alice", f"ssh -p {SSH_PORT} {options} root@10.1.0.2 ip -o -4 addr show q0"
         )
-        assert " 10.1.0.2/" in said
+        assert " 10.1.0.2/" in output
         copied = f"{tmp_path}/file root@10.1.0.2:{tmp_path}/copied"
-        said = run(network, "alice", f"scp -O -P {SSH_PORT} {options} {copied}; echo $?")
+        output = run(network, "alice", f"scp -O -P {SSH_PORT} {options} {copied}; echo $?")
     finally:
         server.stop()
-    assert said.split()[-1] == "0", said
+    assert output.split()[-1] == "0", output
     assert (tmp_path / "copied").read_bytes() == content
     require_light_alone(network)
 
@@ -168,10 +170,10 @@ def test_iperf3_measures_light(network: Network) -> None:
     )
     try:
         server.wait_for("listening on", 10.0)
-        said = run(network, "alice", "iperf3 -c 10.1.0.2 -n 3M --json")
+        output = run(network, "alice", "iperf3 -c 10.1.0.2 -n 3M --json")
     finally:
         server.stop()
-    ended = json.loads(said)["end"]
+    ended = json.loads(output)["end"]
     assert ended["sum_sent"]["bytes"] >= 3 << 20
     assert ended["sum_received"]["bytes"] > 1 << 20  # what is under way in the end is not counted
     require_light_alone(network)
@@ -188,8 +190,8 @@ def test_two_that_begin_at_once_share_the_light_of_one(network: Network) -> None
 
 
 def test_an_address_that_nobody_has_is_answered(network: Network) -> None:
-    said = pinged(network, "alice", "-c 1 10.1.0.77")
-    assert "From 10.1.255.254 icmp_seq=1 Destination Host Unknown" in said
+    text = pinged(network, "alice", "-c 1 10.1.0.77")
+    assert "From 10.1.255.254 icmp_seq=1 Destination Host Unknown" in text
 
 
 def test_a_cut_fibre_is_answered_and_mended_light_is_used_again(network: Network) -> None:
@@ -216,6 +218,6 @@ def test_hosts_ping_each_other_by_ipv6_and_nothing_of_it_is_on_copper(network: N
 
 
 def test_what_cannot_be_had_by_ipv6_is_an_icmpv6_error(network: Network) -> None:
-    said = pinged(network, "alice", "-6 -c 1 fd71:6d6e::77")
-    assert "From fd71:6d6e::ffff:ffff:ffff:ffff icmp_seq=1" in said
-    assert "Address unreachable" in said
+    text = pinged(network, "alice", "-6 -c 1 fd71:6d6e::77")
+    assert "From fd71:6d6e::ffff:ffff:ffff:ffff icmp_seq=1" in text
+    assert "Address unreachable" in text

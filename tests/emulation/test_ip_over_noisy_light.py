@@ -27,7 +27,7 @@ def test_packets_pass_a_noisy_ring_by_a_code_and_policy_is_told(tmp_path: Path) 
         wait_until(lambda: not light_paths("q1"), "light given back", DARK_S)
         log = network.runtime.logs / "q0-bob.log"
         given_back = re.compile(r"given back \(sdc\).*; (\d+) bytes, (\d+) pairs")
-        wait_until(lambda: given_back.search(log.read_text()), "it is told of", DARK_S)
+        wait_until(lambda: given_back.search(log.read_text()), "a line of the log", DARK_S)
         (logged,) = given_back.findall(log.read_text())
         # Golay (23,12) makes 23 bits of 12; two bits a pair.
         assert int(logged[1]) > 4 * int(logged[0]) * 23 / 12

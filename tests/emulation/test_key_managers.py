@@ -83,11 +83,11 @@ def test_an_application_of_charlies_does_not_get_the_key_of_another(keys: Keys) 
 
 def test_who_has_no_certificate_of_the_authority_gets_no_answer(keys: Keys) -> None:
     address = "$KME/api/v1/keys/sae-charlie/status"
-    said = keys.run("alice", f"curl -sS --cacert $KME_CA {address}; echo $?")
-    assert said.split()[-1] != "0", said  # with TLS 1.3 it may hear why, or be cut off before
-    assert "KME_ID" not in said
-    said = keys.run("alice", f"{CURL} --tls-max 1.1 {address}; echo $?")
-    assert said.split()[-1] == "35", said  # of curl: no TLS connection
+    output = keys.run("alice", f"curl -sS --cacert $KME_CA {address}; echo $?")
+    assert output.split()[-1] != "0", output  # with TLS 1.3 it may hear why, or be cut off before
+    assert "KME_ID" not in output
+    output = keys.run("alice", f"{CURL} --tls-max 1.1 {address}; echo $?")
+    assert output.split()[-1] == "35", output  # of curl: no TLS connection
 
 
 # Opens silent connections, and keeps them until its input ends.
@@ -131,12 +131,12 @@ def test_what_no_client_would_say_is_refused_and_the_next_one_is_served(
         (b" " * (1 << 21), 400),
     ):
         body.write_bytes(content)
-        said = keys.run(
+        output = keys.run(
             "alice",
-            f'{CURL} --data-binary @{body} -o {tmp_path}/said -w "%{{http_code}}" '
+            f'{CURL} --data-binary @{body} -o {tmp_path}/answer -w "%{{http_code}}" '
             '"$KME/api/v1/keys/sae-charlie/enc_keys"',
         )
-        assert said.strip().endswith(str(status)), (content[:20], said)
+        assert output.strip().endswith(str(status)), (content[:20], output)
     for words, status in (("-X DELETE", 405), ("-X PATCH", 405)):
         assert keys.curl("alice", "sae-charlie/enc_keys", words)[0] == status
     assert keys.curl("alice", "%ff/status")[0] == 400
@@ -191,9 +191,9 @@ def test_wireshark_reads_what_managers_say_by_the_runs_key_logs(keys: Keys) -> N
 def test_qkdsec_finds_nothing_that_fails(keys: Keys) -> None:
     # It asks for a key and its copy by one certificate: an application that is its own slave.
     words = "--cert $SAE_CERT --key $SAE_KEY --ca-cert $KME_CA --format json"
-    said = keys.run("alice", f"{PROGRAMS}/qkdsec doctor $KME -s sae-alice {words}; echo $?")
-    report, _, status = said.strip().rpartition("\n")
-    assert status == "0", said
+    output = keys.run("alice", f"{PROGRAMS}/qkdsec doctor $KME -s sae-alice {words}; echo $?")
+    report, _, status = output.strip().rpartition("\n")
+    assert status == "0", output
     counts = json.loads(report)["counts"]
     # The warning: it expects 404 for a key that is not there, where the standard has 400.
     assert counts == {"pass": 9, "warn": 1, "fail": 0, "skip": 0}
@@ -203,12 +203,12 @@ def test_qkdsec_finds_nothing_that_fails(keys: Keys) -> None:
 
 def test_qkdsec_gets_keys_of_light(keys: Keys) -> None:
     words = "--cert $SAE_CERT --key $SAE_KEY --ca-cert $KME_CA"
-    said = keys.run("alice", f"{PROGRAMS}/qkdsec status $KME sae-charlie {words}; echo $?")
-    assert said.strip().endswith("\n0"), said
+    output = keys.run("alice", f"{PROGRAMS}/qkdsec status $KME sae-charlie {words}; echo $?")
+    assert output.strip().endswith("\n0"), output
     before = keys.stored()
     words += " --format json"
-    said = keys.run("alice", f"{PROGRAMS}/qkdsec doctor $KME -s sae-charlie {words}")
-    failed = [each for each in json.loads(said)["results"] if each["status"] == "fail"]
+    output = keys.run("alice", f"{PROGRAMS}/qkdsec doctor $KME -s sae-charlie {words}")
+    failed = [each for each in json.loads(output)["results"] if each["status"] == "fail"]
     # All but this: alice is not charlie, so she cannot fetch what he is to fetch.
     assert [each["name"] for each in failed] == ["dec_keys_roundtrip"]
     assert "KME returned HTTP 400" in failed[0]["summary"]

@@ -32,8 +32,8 @@ def test_alice_and_bob_get_the_same_key_by_way_of_charlie(keys: Keys) -> None:
     assert status == 200, got
     for key in got["keys"]:
         assert len(base64.b64decode(key["key"], validate=True)) == 33
-        said = keys.curl("bob", f"sae-alice/dec_keys?key_ID={key['key_ID']}")
-        assert said == (200, {"keys": [key]})
+        text = keys.curl("bob", f"sae-alice/dec_keys?key_ID={key['key_ID']}")
+        assert text == (200, {"keys": [key]})
     (chosen,) = [each for each in facts(keys.network, "key-route") if each["stored"] == 4]
     assert chosen["route"] == ["alice", "charlie", "bob"]
     packets = rdpcap(str(keys.network.runtime.logs / "s1-eth1.pcap"))
@@ -44,7 +44,7 @@ def test_alice_and_bob_get_the_same_key_by_way_of_charlie(keys: Keys) -> None:
         assert key["key_ID"].encode() not in captured  # under TLS
 
 
-def told(keys: Keys) -> dict[str, Any]:
+def status(keys: Keys) -> dict[str, Any]:
     """Return what the controller tells of each node."""
     nodes = json.loads(verb("keys", "--json").stdout)["qkd_nodes"]
     return {each["qkdn_location_id"]: each for each in nodes}
@@ -59,8 +59,8 @@ def rates(nodes: dict[str, Any]) -> list[float]:
 def test_the_controller_tells_of_links_and_applications(keys: Keys) -> None:
     keys.curl("alice", "sae-bob/enc_keys")
     # Key managers tell the controller now and then.
-    wait_until(lambda: all(rate > 0 for rate in rates(told(keys))), "rates of both links")
-    nodes = told(keys)
+    wait_until(lambda: all(rate > 0 for rate in rates(status(keys))), "rates of both links")
+    nodes = status(keys)
     links = nodes["charlie"]["qkd_links"]["qkd_link"]
     assert [(each["qmn"]["to"], each["qkdl_type"]) for each in links] == [
         ("bob", "PHYS"),
@@ -100,23 +100,23 @@ def test_it_tells_them_over_http_to_who_has_the_token(keys: Keys) -> None:
     assert names(over_http) == names(json.loads(verb("keys", "--json").stdout))
 
 
-def names(told: Any) -> dict[str, tuple[list[str], list[str]]]:
+def names(report: Any) -> dict[str, tuple[list[str], list[str]]]:
     """Return which links and applications each node has, by its name."""
     return {
         node["qkdn_location_id"]: (
             [link["qkdl_id"] for link in node["qkd_links"]["qkd_link"]],
             [each["app_id"] for each in node["qkd_applications"]["qkd_app"]],
         )
-        for node in told["qkd_nodes"]
+        for node in report["qkd_nodes"]
     }
 
 
 def test_a_policy_that_trusts_nobody_ends_the_relay(keys: Keys) -> None:
     policy_of(keys.network).write_text("")
     verb("set", "policy", "reload")
-    status, said = keys.curl("alice", "sae-bob/enc_keys")
+    status, text = keys.curl("alice", "sae-bob/enc_keys")
     assert status == 503
-    assert "no host that the policy trusts joins alice and bob: charlie could" in said["message"]
+    assert "no host that the policy trusts joins alice and bob: charlie could" in text["message"]
     assert keys.stored("bob") == 0
     policy_of(keys.network).write_text(TRUSTED + 'between = ["bob", "alice"]\n')
     verb("set", "policy", "reload")

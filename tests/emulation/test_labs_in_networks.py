@@ -77,17 +77,17 @@ def labs(names: list[str], out: Path, *words: str) -> "subprocess.Popen[str]":
 def test_labs_go_on_behind_one_that_fails_and_resume_does_what_is_left(tmp_path: Path) -> None:
     runs = {"one": ["a", "bad", "b"], "two": ["c"], "three": ["d"]}
     names, out = labs_of_scripts(tmp_path, runs, wrong="three"), tmp_path / "out"
-    said, why = (done := labs(names, out)).communicate(timeout=PROGRAM_S)
+    text, why = (done := labs(names, out)).communicate(timeout=PROGRAM_S)
     assert done.returncode == 1
-    assert "lab 2 of 3, 2 of 5 runs left" in said
+    assert "lab 2 of 3, 2 of 5 runs left" in text
     assert f"{names[0]} failed: bad: there is no go" in why
     assert f"beyond its tolerance: {names[2]}" in why
     assert why.endswith("qmn: the same command with --resume goes on where this one ended\n")
     assert (tmp_path / "done").read_text() == "a bad c d "
     (tmp_path / "go").touch()
-    said, why = (done := labs(names[:2], out, "--resume")).communicate(timeout=PROGRAM_S)
+    text, why = (done := labs(names[:2], out, "--resume")).communicate(timeout=PROGRAM_S)
     assert (done.returncode, why) == (0, "")
-    assert "lab 1 of 2, 2 of 4 runs left" in said
+    assert "lab 1 of 2, 2 of 4 runs left" in text
     assert (tmp_path / "done").read_text() == "a bad c d bad b "
     assert len(list(out.iterdir())) == 3  # in the same folders
     facts = facts_of(out, "one")
@@ -177,7 +177,7 @@ def test_classical_light_in_the_photons_band_spoils_what_is_teleported(tmp_path:
         timeout=PROGRAM_S,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    told = json.loads((tmp_path / "latest" / "result.json").read_text())["job"]["asking"]
-    sigma = (0.58986 * (1 - 0.58986) / told["arrived"]) ** 0.5
+    report = json.loads((tmp_path / "latest" / "result.json").read_text())["job"]["asking"]
+    sigma = (0.58986 * (1 - 0.58986) / report["arrived"]) ** 0.5
     assert 5 * sigma < 0.96513 - 0.58986  # enough have arrived to tell
-    assert abs(told["fidelity"] - 0.58986) < 5 * sigma
+    assert abs(report["fidelity"] - 0.58986) < 5 * sigma

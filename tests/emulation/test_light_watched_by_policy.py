@@ -65,9 +65,9 @@ def test_the_controller_watches_gives_back_closes_and_sends_light_another_way(
             mine = seen(network, "granted", lambda fact: fact["time_ns"] > wanted["time_ns"])
             assert mine["session"] != first["session"]
             assert sending.carry(DATA) == DATA
-        told = seen(network, "watched", lambda fact: fact["session"] == first["session"])
-        assert (told["end"], told["alarm"], told["watched"]) == ("BUSY", False, ["q2-q3"])
-        assert told["errors"] == 0  # the fibres are ideal
+        report = seen(network, "watched", lambda fact: fact["session"] == first["session"])
+        assert (report["end"], report["alarm"], report["watched"]) == ("BUSY", False, ["q2-q3"])
+        assert report["errors"] == 0  # the fibres are ideal
         assert not facts(network, "forbidden")
 
         later = seen(network, "watch", lambda fact: fact["time_ns"] > mine["time_ns"])

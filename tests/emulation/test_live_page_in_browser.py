@@ -83,9 +83,9 @@ def test_the_page_of_an_attack_goes_from_its_first_network_to_its_second() -> No
         expect(name).to_have_text("network 2: replay-announcements-on")
         expect(status).to_have_text("live: network 2; 1 before it has ended")
         expect(status).to_have_text("network 2 has ended, and its command")
-        told = [line.split()[1:4] for line in attack.stdout]
+        reports = [line.split()[1:4] for line in attack.stdout]
         page.close()
-    assert told == [["announcements", "off", "20"], ["announcements", "on", "0"]]
+    assert reports == [["announcements", "off", "20"], ["announcements", "on", "0"]]
     assert attack.returncode == 0
 
 
@@ -99,7 +99,7 @@ def press(
     for label, text in typed.items():
         form.get_by_label(label).fill(text)
     form.get_by_role("button", name=button, exact=True).click()
-    said = at.locator("p[role=status]")
-    expect(said).to_contain_text(f"qmn {command}")
-    expect(said).to_have_class("good")
-    expect(said).to_be_in_viewport(ratio=0.9)
+    output = at.locator("p[role=status]")
+    expect(output).to_contain_text(f"qmn {command}")
+    expect(output).to_have_class("good")
+    expect(output).to_be_in_viewport(ratio=0.9)

@@ -179,8 +179,8 @@ def test_all_networks_of_a_machine_have_one_page(tmp_path: Path) -> None:
 def said_at(url: str) -> dict[str, Any]:
     """Return what an address says."""
     with urllib.request.urlopen(url, timeout=DEADLINE_S) as response:  # noqa: S310
-        said: dict[str, Any] = json.load(response)
-    return said
+        texts: dict[str, Any] = json.load(response)
+    return texts
 
 
 def test_a_page_ends_with_a_runner_that_was_killed(tmp_path: Path) -> None:

@@ -31,8 +31,8 @@ def test_the_controller_is_reached_over_its_own_copper_alone(tmp_path: Path) -> 
         capture = network.capture_openflow()
         assert network.send("alice", "bob", b"hello").data == b"hello"
     packets = [packet for packet in rdpcap(str(capture)) if TCP in packet]
-    said = [packet for packet in packets if bytes(packet[TCP].payload)[:1] == OPENFLOW_1_4]
-    ends = {(packet[IP].src, packet[IP].dst) for packet in said}
+    lines = [packet for packet in packets if bytes(packet[TCP].payload)[:1] == OPENFLOW_1_4]
+    ends = {(packet[IP].src, packet[IP].dst) for packet in lines}
     for number in (1, 2):  # to and from both switches
         c0_address, switch = f"198.18.{number}.1", f"198.18.{number}.2"
         assert {(c0_address, switch), (switch, c0_address)} <= ends

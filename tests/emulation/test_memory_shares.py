@@ -61,14 +61,14 @@ def end(program: "subprocess.Popen[str]") -> None:
         program.kill()
 
 
-def said(program: "subprocess.Popen[str]") -> str:
+def output(program: "subprocess.Popen[str]") -> str:
     assert program.stdout is not None
     return program.stdout.readline().strip()
 
 
 def test_a_program_has_what_is_below_the_limit(dave: Node) -> None:
     program = take(dave, MIB // 2)
-    assert said(program) == "has it"
+    assert output(program) == "has it"
     end(program)
 
 

@@ -89,6 +89,6 @@ def test_a_limit_of_open_files_is_named_before_the_start(tmp_path: Path) -> None
         timeout=PROGRAM_S,
         check=False,
     )
-    said = "qmn: this process may open 256 files, a network needs 1024: raise the hard limit "
-    assert (done.returncode, done.stderr) == (1, f"{said}(`ulimit -Hn 1024`)\n")
+    text = "qmn: this process may open 256 files, a network needs 1024: raise the hard limit "
+    assert (done.returncode, done.stderr) == (1, f"{text}(`ulimit -Hn 1024`)\n")
     assert not (tmp_path / "runs").exists()

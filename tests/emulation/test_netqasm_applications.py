@@ -80,12 +80,12 @@ def asked(captures: list[str]) -> set[PairRequest]:
 
 def agreements(logs: Path) -> list[bool]:
     """Return whether the two programs of the application have found the same, pair by pair."""
-    told = []
+    reports = []
     for role in ("client", "server"):
         lines = (logs / f"netqasm-{role}.log").read_text().splitlines()
         begin = f"{role.capitalize()}: "
-        told.append([int(line[len(begin) :]) for line in lines if line.startswith(begin)])
-    return [ours == theirs for ours, theirs in zip(*told, strict=True)]
+        reports.append([int(line[len(begin) :]) for line in lines if line.startswith(begin)])
+    return [ours == theirs for ours, theirs in zip(*reports, strict=True)]
 
 
 def test_pairs_are_measured_at_both_ends_of_a_noisy_network(tmp_path: Path) -> None:
@@ -127,8 +127,8 @@ def differing(logs: Path) -> dict[str, list[bool]]:
         for log in [logs / f"netqasm-{name}.log"]
     }
     outcomes = {
-        (name, peer): [outcome for other, outcome in told if other == peer]
-        for name, told in found.items()
+        (name, peer): [outcome for other, outcome in reports if other == peer]
+        for name, reports in found.items()
         for peer in found
     }
     pairs = [("alice", "bob"), ("alice", "charlie"), ("bob", "charlie")]

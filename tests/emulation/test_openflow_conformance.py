@@ -192,8 +192,8 @@ def test_controller_that_wants_idle_removals_alone_gets_them_alone(own_switch: S
     mask = parser.OFPAsyncConfigPropReasons(ofp.OFPACPT_FLOW_REMOVED_MASTER, 8, IDLE_ALONE)
     own_switch.controller.send(parser.OFPSetAsync(DATAPATH, [mask]), 5)
     own_switch.controller.send(parser.OFPGetAsyncRequest(DATAPATH), 6)
-    told = {one.type: one.mask for one in own_switch.controller.answer(6).properties}
-    assert told[ofp.OFPACPT_FLOW_REMOVED_MASTER] == IDLE_ALONE
+    reports = {one.type: one.mask for one in own_switch.controller.answer(6).properties}
+    assert reports[ofp.OFPACPT_FLOW_REMOVED_MASTER] == IDLE_ALONE
     flags = {"flags": ofp.OFPFF_SEND_FLOW_REM}
     accepted(own_switch.controller, light(1, 2, **flags))
     accepted(own_switch.controller, light(3, 4, idle_timeout=1, **flags), 610)
@@ -301,9 +301,9 @@ def test_a_fault_announces_each_port_once(own_switch: Switch) -> None:
     stuck.CopyFrom(own_switch.dispatcher.condition)
     stuck.stuck.add(in_port=1, out_port=3)
     own_switch.dispatcher.changes(stuck)
-    told = [own_switch.controller.next() for _port in range(2)]
-    assert {one.desc.port_no for one in told} == {1, 3}
-    for one in told:
+    reports = [own_switch.controller.next() for _port in range(2)]
+    assert {one.desc.port_no for one in reports} == {1, 3}
+    for one in reports:
         assert (one.reason, one.desc.state & ofp.OFPPS_BLOCKED) == (
             ofp.OFPPR_MODIFY,
             ofp.OFPPS_BLOCKED,
@@ -365,10 +365,10 @@ def test_stale_role_request_leaves_a_slave_a_slave(tmp_path: Path) -> None:
 def test_switch_tells_what_it_is(switch: Switch) -> None:
     # 7.3.5.1, 7.3.1, 7.3.5.8 and 7.3.5.12: a switch of light alone has no groups and no meters.
     switch.controller.send(parser.OFPDescStatsRequest(DATAPATH, 0), 5)
-    told = switch.controller.answer(5).body
-    assert told.mfr_desc == b"qmn"
-    assert told.hw_desc == b"optical cross-connect, 4 fibre ports"
-    assert told.dp_desc == b"q1"
+    report = switch.controller.answer(5).body
+    assert report.mfr_desc == b"qmn"
+    assert report.hw_desc == b"optical cross-connect, 4 fibre ports"
+    assert report.dp_desc == b"q1"
     switch.controller.send(parser.OFPFeaturesRequest(DATAPATH), 6)
     features = switch.controller.answer(6)
     assert features.n_tables == 1
@@ -390,15 +390,15 @@ def test_its_table_has_what_light_can_do(switch: Switch) -> None:
     switch.controller.send(parser.OFPTableFeaturesStatsRequest(DATAPATH, 0, []), 5)
     (table,) = switch.controller.answer(5).body
     assert (table.table_id, table.name) == (0, b"light")
-    told = {one.type: one for one in table.properties}
-    inst, match = told[ofp.OFPTFPT_INSTRUCTIONS], told[ofp.OFPTFPT_MATCH]
+    reports = {one.type: one for one in table.properties}
+    inst, match = reports[ofp.OFPTFPT_INSTRUCTIONS], reports[ofp.OFPTFPT_MATCH]
     assert [one.type for one in inst.instruction_ids] == [WRITE, ofp.OFPIT_APPLY_ACTIONS]
-    assert told[ofp.OFPTFPT_NEXT_TABLES].table_ids == []
+    assert reports[ofp.OFPTFPT_NEXT_TABLES].table_ids == []
     for kind in (ofp.OFPTFPT_WRITE_ACTIONS, ofp.OFPTFPT_APPLY_ACTIONS):
-        assert [one.type for one in told[kind].action_ids] == [ofp.OFPAT_OUTPUT]
+        assert [one.type for one in reports[kind].action_ids] == [ofp.OFPAT_OUTPUT]
     assert [one.type for one in match.oxm_ids] == ["in_port", "eth_type"]
     for kind in (ofp.OFPTFPT_WRITE_SETFIELD, ofp.OFPTFPT_APPLY_SETFIELD):
-        assert told[kind].oxm_ids == []
+        assert reports[kind].oxm_ids == []
 
 
 def test_fibre_ports_are_of_fibre(switch: Switch) -> None:

@@ -334,13 +334,13 @@ def test_slave_changes_nothing(own_switch: Switch) -> None:
 
 def port_status(controller: Controller, *states: int) -> set[int]:
     """Return the ports of which the next messages tell this state, until there are no more."""
-    told: dict[int, int] = {}
+    reports: dict[int, int] = {}
     while not controller.silent():
         message = controller.next()
         assert isinstance(message, parser.OFPPortStatus)
         assert any(one.type == ofp.OFPPDPT_OPTICAL for one in message.desc.properties)
-        told[message.desc.port_no] = message.desc.state
-    return {port for port, state in told.items() if state in states}
+        reports[message.desc.port_no] = message.desc.state
+    return {port for port, state in reports.items() if state in states}
 
 
 def test_stuck_cross_connect_is_told(own_switch: Switch) -> None:

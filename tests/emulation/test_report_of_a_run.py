@@ -48,10 +48,10 @@ def test_a_run_ends_with_a_report_of_both_layers(tmp_path: Path) -> None:
     result = json.loads((run / "result.json").read_text())
     confusion = np.array(result["job"]["asked"]["confusion"])
     wrong = confusion.sum() - confusion.trace()
-    told = result["job"]["asking"]
-    assert wrong == told["symbol_errors"] > 0
-    assert confusion.sum() <= told["bell_pairs"] - told["lost_pairs"]
-    counts = (told[name] for name in ("symbol_errors", "lost_pairs", "repeated_frames"))
+    report = result["job"]["asking"]
+    assert wrong == report["symbol_errors"] > 0
+    assert confusion.sum() <= report["bell_pairs"] - report["lost_pairs"]
+    counts = (report[name] for name in ("symbol_errors", "lost_pairs", "repeated_frames"))
     text = "in the end: symbol errors {:,}, lost pairs {:,}, repeated frames {:,}."
     assert text.format(*counts) in page  # as the reports on the wire say
 

@@ -19,15 +19,15 @@ POISSON = sum(
 )  # both see light of several pairs: where these do not agree, either tells a coin
 
 
-def devices(**told: object) -> list[str]:
+def devices(**report: object) -> list[str]:
     """Return the options of devices; two underscores are for a dot."""
-    pairs = [f"{name.replace('__', '.')}={value}" for name, value in told.items()]
+    pairs = [f"{name.replace('__', '.')}={value}" for name, value in report.items()]
     return [word for pair in pairs for word in ("--device", pair)]
 
 
-def fiber(**told: float) -> list[str]:
+def fiber(**figure: float) -> list[str]:
     """Return the options of the fibre to bob, of 30 km."""
-    words = [f"q1-bob.{name}={value}" for name, value in {"length_km": 30, **told}.items()]
+    words = [f"q1-bob.{name}={value}" for name, value in {"length_km": 30, **figure}.items()]
     return [word for each in words for word in ("--fiber", each)]
 
 
@@ -68,7 +68,7 @@ EFFECTS: dict[str, tuple[list[str], float]] = {
     ),
     "a Pauli channel": (fiber(pauli_x=0.01, pauli_y=0.02, pauli_z=0.04), (0.03 + 0.06) / 2),
     "states that are prepared wrongly": (devices(alice__source__preparation_error=0.04), 0.04),
-    "bits that are told wrongly": (devices(bob__detectors__readout_error=0.03), 0.03),
+    "bits that are reported wrongly": (devices(bob__detectors__readout_error=0.03), 0.03),
     "further pairs of a pulse": (
         [
             *("--protocol", "bbm92"),
@@ -86,9 +86,9 @@ def test_keys_have_the_errors_of_each_effect(tmp_path: Path, effect: str) -> Non
     given = [*words, "--count", str(BITS), "--test-fraction", "0.5", "--bound", "asymptotic"]
     done, result = run_qkd(tmp_path, *given)
     assert done.returncode == 0, done.stdout + done.stderr
-    told = result["job"]["asking"]
-    assert told["disclosed_bits"] > BITS / 3
-    assert abs(told["qber"] - qber) < 5 * sqrt(qber * (1 - qber) / told["disclosed_bits"])
+    report = result["job"]["asking"]
+    assert report["disclosed_bits"] > BITS / 3
+    assert abs(report["qber"] - qber) < 5 * sqrt(qber * (1 - qber) / report["disclosed_bits"])
 
 
 @pytest.mark.nightly
@@ -97,10 +97,10 @@ def test_light_is_counted_in_the_gate_that_it_comes_in(tmp_path: Path) -> None:
     jitter = devices(alice__source__jitter_ps=300, bob__detectors__jitter_ps=400)
     done, result = run_qkd(tmp_path, *jitter, "--count", str(BITS), "--bound", "asymptotic")
     assert done.returncode == 0, done.stdout + done.stderr
-    told, seen = result["job"]["asking"], erf(500 / 500 / sqrt(2))
-    error = sqrt(seen * (1 - seen) / told["photons"])
-    assert abs(told["raw_bits"] / told["photons"] - seen) < 5 * error
-    assert told["qber"] == 0
+    report, seen = result["job"]["asking"], erf(500 / 500 / sqrt(2))
+    error = sqrt(seen * (1 - seen) / report["photons"])
+    assert abs(report["raw_bits"] / report["photons"] - seen) < 5 * error
+    assert report["qber"] == 0
 
 
 @pytest.mark.nightly
@@ -167,9 +167,9 @@ def test_single_clicks_herald_pairs_as_good_as_qubits_are_dark(
     bright, efficiency = 0.1, 0.05
     words = ["distribute", *STATION, *emitters("alice", "bob")]
     for host in ("alice", "bob"):
-        told = {"scheme": "single-click", "bright_state": bright, "efficiency": efficiency}
-        told["fidelity"] = 1
-        words += devices(**{f"{host}__emitter__{name}": value for name, value in told.items()})
+        reports = {"scheme": "single-click", "bright_state": bright, "efficiency": efficiency}
+        reports["fidelity"] = 1
+        words += devices(**{f"{host}__emitter__{name}": value for name, value in reports.items()})
     words += ["--loss-db-per-km", "0"]
     words += ["--switch", "insertion_loss_db=0", "--count", "400", "--sample", "0.5"]
     words += SCRAMBLED if scrambled else ["--length-km", "1"]

@@ -23,15 +23,15 @@ def emitters(*hosts: str) -> list[str]:
         "emitter.fidelity": str(FIDELITY),
         "emitter.modes": "20",
     }
-    told = [f"{host}.{name}={value}" for host in hosts for name, value in parts.items()]
-    return [word for part in told for word in ("--device", part)]
+    reports = [f"{host}.{name}={value}" for host in hosts for name, value in parts.items()]
+    return [word for part in reports for word in ("--device", part)]
 
 
 def test_pairs_are_heralded_at_the_rate_of_round_trips_to_the_station(tmp_path: Path) -> None:
     words = ["distribute", *STATION, *emitters("alice", "bob"), "--count", "400"]
     words += ["--sample", "0.5"]
-    told = result_of(tmp_path, *words, "--length-km", str(KM), "--loss-db-per-km", "0.02")
-    asking = told["job"]["asking"]
+    report = result_of(tmp_path, *words, "--length-km", str(KM), "--loss-db-per-km", "0.02")
+    asking = report["job"]["asking"]
     efficiency = 0.5 * 10 ** (-KM * 0.02 / 10)
     p = efficiency**2 / 2
     expected = p * asking["attempts"]

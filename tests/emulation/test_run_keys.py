@@ -77,7 +77,7 @@ def test_a_relay_that_nobody_trusts_fills_the_stores_of_both_ends_alike(tmp_path
 
 def test_several_pairs_keep_keys_and_sessions_come_back_after_a_cut(keys_network: Network) -> None:
     runtime = keys_network.runtime
-    said = Lines(Keys(keys_network).manager("alice"))
+    text = Lines(Keys(keys_network).manager("alice"))
     for one, other in (("alice", "charlie"), ("charlie", "bob")):
         mine = KeyStore(Path(runtime.key_folder(one)) / other, CAPACITY)
         theirs = KeyStore(Path(runtime.key_folder(other)) / one, CAPACITY)
@@ -89,7 +89,7 @@ def test_several_pairs_keep_keys_and_sessions_come_back_after_a_cut(keys_network
     store.take_oldest(store.mine)
 
     def failed() -> bool:
-        return any("cut" in each.get("text", "") for each in said.new())
+        return any("cut" in each.get("text", "") for each in text.new())
 
     wait_until(failed, "a session fails for the cut")
     assert store.mine == 0
@@ -113,6 +113,6 @@ def test_hosts_of_the_command_line_find_their_keys_with_certificates_that_were_g
     done = run_qmn("cli", "sdc", *words, "--runs", str(tmp_path / "runs"), commands=asked)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "keys of alice: https://10.0.0.1:8443" in done.stdout
-    said = [json.loads(each) for each in re.findall(r"\{.*?\}", done.stdout)]
-    names = [(each["master_SAE_ID"], each["slave_SAE_ID"], each["key_size"]) for each in said]
+    lines = [json.loads(each) for each in re.findall(r"\{.*?\}", done.stdout)]
+    names = [(each["master_SAE_ID"], each["slave_SAE_ID"], each["key_size"]) for each in lines]
     assert names == [("sae-alice", "web", 256), ("sae-bob", "sae-alice", 256)]

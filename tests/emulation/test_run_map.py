@@ -41,15 +41,15 @@ def test_seattle_and_washington_teleport_as_the_lengths_of_the_map_say(tmp_path:
     ways = [networkx.dijkstra_path(graph, source, end, weight="dist") for end in ENDS]
     km = sum(networkx.path_weight(graph, way, "dist") + 2 * AT_HOST_KM for way in ways)
     fibers = sum(len(way) + 1 for way in ways)
-    told = result["job"]["asking"]
+    reply = result["job"]["asking"]
     wanted = 10 ** (-LOSS_DB_PER_KM * km / 10)
-    assert abs(told["arrived"] / COUNT - wanted) < 5 * sqrt(wanted * (1 - wanted) / COUNT)
+    assert abs(reply["arrived"] / COUNT - wanted) < 5 * sqrt(wanted * (1 - wanted) / COUNT)
     # Each fibre shrinks the Bloch ball by 1 - p (Nielsen and Chuang, 8.3.4): a Werner pair of
     # F = 1 - 3p/4, by which states teleport with (2F + 1)/3 on average (Horodecki et al. 1999).
     p = 1 - (1 - DEPOLARIZING) ** fibers
     wanted = (2 * (1 - 0.75 * p) + 1) / 3
-    arrived = told["arrived"]
-    assert abs(told["fidelity"] - wanted) < 5 * sqrt(wanted * (1 - wanted) / arrived)
+    arrived = reply["arrived"]
+    assert abs(reply["fidelity"] - wanted) < 5 * sqrt(wanted * (1 - wanted) / arrived)
     assert result["network"]["positions"]["src"] == list(graph.nodes[source]["pos"])
     report = (tmp_path / "latest" / "report.html").read_text()
     assert "the network on its map" in report

@@ -44,9 +44,9 @@ def with_source(*hosts: str) -> list[str]:
 
     Others take in its light, which no ion does either.
     """
-    said = [f"{host}.source.{name}={value}" for host in hosts for name, value in SOURCE.items()]
-    said += [f"{host}.memory.kind=absorptive" for host in {*hosts, "bob"}]
-    return [word for each in said for word in ("--device", each)]
+    lines = [f"{host}.source.{name}={value}" for host in hosts for name, value in SOURCE.items()]
+    lines += [f"{host}.memory.kind=absorptive" for host in {*hosts, "bob"}]
+    return [word for each in lines for word in ("--device", each)]
 
 
 def polarised(fidelity: float) -> float:

@@ -43,11 +43,11 @@ def test_keys_are_the_same_in_the_stores_of_both_hosts(
     network = noisy_network
     stores = {each: Path(network.runtime.key_folder(each)) for each in ("alice", "bob")}
     earlier = {each for store in stores.values() for each in store.rglob("*-*")}
-    told = served(network, protocol, "alice", "bob", count=100_000)
+    report = served(network, protocol, "alice", "bob", count=100_000)
     qber = (1 - (1 - NOISE) ** FIBERS[protocol]) / 2
-    assert abs(told["qber"] - qber) < 5 * sqrt(qber * (1 - qber) / told["disclosed_bits"])
-    assert told["sifted_bits"] >= 100_000
-    assert 0 < told["key_fraction"] < told["key_fraction_limit"]
+    assert abs(report["qber"] - qber) < 5 * sqrt(qber * (1 - qber) / report["disclosed_bits"])
+    assert report["sifted_bits"] >= 100_000
+    assert 0 < report["key_fraction"] < report["key_fraction_limit"]
     for mine, theirs in (("first", "second"), ("second", "first")):
         ours, others = (
             {
@@ -58,7 +58,7 @@ def test_keys_are_the_same_in_the_stores_of_both_hosts(
             for one, other, hand_out in (("alice", "bob", mine), ("bob", "alice", theirs))
         )
         assert ours == others
-        assert mine != "first" or len(ours[told["first_key_id"]]) == 32
+        assert mine != "first" or len(ours[report["first_key_id"]]) == 32
 
 
 def test_what_a_run_leaves_behind_tells_no_key(tmp_path: Path) -> None:
@@ -80,14 +80,14 @@ def test_what_the_hosts_say_of_keys_is_read_from_the_captures(tmp_path: Path) ->
     folder = tmp_path / "latest"
     for wanted, count in (("qkd.malformed || qmeta.malformed", 0), ('qkd.kind == "Confirm"', 1)):
         assert len(shown(folder, wanted)) == count, wanted
-    said = {host: said_of_keys(folder, host) for host in ("10.0.0.1", "10.0.0.2")}
-    first, last = said["10.0.0.1"][0], said["10.0.0.2"][-1]
+    texts = {host: said_of_keys(folder, host) for host in ("10.0.0.1", "10.0.0.2")}
+    first, last = texts["10.0.0.1"][0], texts["10.0.0.2"][-1]
     assert (first.kind, last.kind) == (Proposal.KIND, Confirm.KIND)
     assert last.payload.length == result["job"]["asking"]["key_bits"]
     assert "max_qber" in typed("timeline.md", 1, folder)
     # A packet may hold two messages.
     numbers = shown(folder, "qkd.session", "-T", "fields", "-e", "qkd.sequence")
-    assert len(",".join(numbers).split(",")) == sum(map(len, said.values()))
+    assert len(",".join(numbers).split(",")) == sum(map(len, texts.values()))
 
 
 def said_of_keys(folder: Path, address: str) -> list[QKey]:
@@ -125,10 +125,10 @@ def test_eve_on_the_fibre_causes_a_quarter_of_her_fraction_in_errors(
     words = ("--protocol", protocol, "--eve", str(fraction), "--count", "50000")
     done, result = run_qkd(tmp_path, *words)
     assert done.returncode == 0, done.stdout + done.stderr
-    told, eve = result["job"]["asking"], result["job"]["eve"]
+    report, eve = result["job"]["asking"], result["job"]["eve"]
     qber = fraction / 4
-    assert abs(told["qber"] - qber) < 5 * sqrt(qber * (1 - qber) / told["disclosed_bits"])
-    assert eve["photons"] == told["photons"]
+    assert abs(report["qber"] - qber) < 5 * sqrt(qber * (1 - qber) / report["disclosed_bits"])
+    assert eve["photons"] == report["photons"]
     spread = 5 * sqrt(eve["photons"] * fraction * (1 - fraction))
     assert abs(eve["measured"] - fraction * eve["photons"]) < spread
 
@@ -137,10 +137,10 @@ def test_s_of_e91_is_that_of_the_pairs_and_of_too_small_a_one_no_key_comes(
     noisy_network: Network,
 ) -> None:
     """S = 2 sqrt 2 (1 - p)^4, of four correlations; with a margin of .75 it gives no key."""
-    s, told = 2 * sqrt(2) * (1 - NOISE) ** 4, re.compile(r"S is ([\d.]+) of (\d+) pairs")
-    with pytest.raises(QuantumSocketError, match=told) as caught:
+    s, report = 2 * sqrt(2) * (1 - NOISE) ** 4, re.compile(r"S is ([\d.]+) of (\d+) pairs")
+    with pytest.raises(QuantumSocketError, match=report) as caught:
         served(noisy_network, "e91", "alice", "bob", count=20_000, chsh_margin=0.75)
-    found = told.search(str(caught.value))
+    found = report.search(str(caught.value))
     assert found is not None
     assert abs(float(found[1]) - s) < 5 * sqrt(16 * (1 - (s / 4) ** 2) / int(found[2]))
 
@@ -155,9 +155,9 @@ def test_a_relay_that_lies_is_seen_as_noise_and_brings_no_key(tmp_path: Path) ->
     done, result = run_qkd(tmp_path, "--protocol", "mdi", *words, "--count", "20000")
     assert done.returncode == 1
     assert "at most 0.1000 is allowed: noise or an eavesdropper" in done.stderr
-    told, qber = result["job"]["asking"], share / 2
-    assert abs(told["qber"] - qber) < 5 * sqrt(qber * (1 - qber) / told["disclosed_bits"])
-    assert told["key_bits"] == 0
+    report, qber = result["job"]["asking"], share / 2
+    assert abs(report["qber"] - qber) < 5 * sqrt(qber * (1 - qber) / report["disclosed_bits"])
+    assert report["key_bits"] == 0
 
 
 @pytest.mark.nightly
@@ -169,18 +169,18 @@ def test_decoys_of_both_ends_make_a_key_by_a_relay(tmp_path: Path) -> None:
     bound = ("--bound", "asymptotic", "--count", "20000")
     done, result = run_qkd(tmp_path, "--protocol", "mdi", *given, *bound)
     assert done.returncode == 0, done.stdout + done.stderr
-    told = result["job"]["asking"]
+    report = result["job"]["asking"]
     means = list(zip((0.4, 0.1, 0.0), (0.5, 0.35, 0.15), strict=True))
     gain = sum(
         p * q * formula(a, b, 0.0, 0.0)[0]
         for formula in (rectilinear, diagonal)
         for (a, p), (b, q) in product(means, repeat=2)
     )
-    expected = gain / 4 * told["photons"]
-    assert abs(told["sifted_bits"] - expected) < 5 * sqrt(expected)
-    assert told["qber"] == 0
-    assert told["key_bits"] > 0
-    assert told["intensities"] == [0.4, 0.1, 0.0]
+    expected = gain / 4 * report["photons"]
+    assert abs(report["sifted_bits"] - expected) < 5 * sqrt(expected)
+    assert report["qber"] == 0
+    assert report["key_bits"] > 0
+    assert report["intensities"] == [0.4, 0.1, 0.0]
 
 
 @pytest.mark.nightly
@@ -195,19 +195,19 @@ def test_heralded_photons_come_as_their_pairs_and_unlike_detectors_tell_fewer_on
     given = [part for word in words for part in ("--device", word)]
     done, result = run_qkd(tmp_path, *given, "--count", "20000", "--bound", "asymptotic")
     assert done.returncode == 0, done.stdout + done.stderr
-    told = result["job"]["asking"]
+    report = result["job"]["asking"]
     likely = [mean**n / (1 + mean) ** (n + 1) * (1 - (1 - herald) ** n) for n in range(40)]
     several = sum(likely[2:])
-    assert abs(told["multi_photon"] - several) < 1e-9
+    assert abs(report["multi_photon"] - several) < 1e-9
     zero, one = sum(likely), sum(p * (1 - mismatch**n) for n, p in enumerate(likely))
     # In the other basis photons of a pulse part: neither of both with a mean of .75^n.
     parted = sum(p * (1 - (1 - (2 - mismatch) / 2) ** n) for n, p in enumerate(likely))
     gain = (zero + one) / 4 + parted / 2
-    assert abs(told["raw_bits"] - gain * told["photons"]) < 5 * sqrt(gain * told["photons"])
+    assert abs(report["raw_bits"] - gain * report["photons"]) < 5 * sqrt(gain * report["photons"])
     ones = one / (zero + one)
-    error = sqrt(ones * (1 - ones) / told["disclosed_bits"])
-    assert abs(told["ones_fraction"] - ones) < 5 * error
-    assert told["qber"] == 0
+    error = sqrt(ones * (1 - ones) / report["disclosed_bits"])
+    assert abs(report["ones_fraction"] - ones) < 5 * error
+    assert report["qber"] == 0
 
 
 @pytest.mark.nightly
@@ -239,14 +239,14 @@ def test_who_splits_photon_numbers_is_not_seen_and_leaves_no_key(tmp_path: Path)
     done, result = run_qkd(tmp_path, *LASER, *words, "--count", "20000")
     assert done.returncode == 1
     assert "which an eavesdropper can divide" in done.stderr
-    told, eve = result["job"]["asking"], result["job"]["eve"]
+    report, eve = result["job"]["asking"], result["job"]["eve"]
     gain = 1 - exp(-0.5 * 10 ** (-hides_db / 10))
-    assert abs(told["raw_bits"] - gain * told["photons"]) < 5 * sqrt(gain * told["photons"])
-    assert told["qber"] == 0
+    assert abs(report["raw_bits"] - gain * report["photons"]) < 5 * sqrt(gain * report["photons"])
+    assert report["qber"] == 0
     several = 1 - 1.5 * exp(-0.5)
     assert abs(eve["multi_photon"] - several * eve["photons"]) < 5 * sqrt(several * eve["photons"])
-    assert eve["photons"] == told["photons"]
-    assert eve["multi_photon"] > told["raw_bits"]
+    assert eve["photons"] == report["photons"]
+    assert eve["multi_photon"] > report["raw_bits"]
     assert (eve["expected_db"], eve["onward_db"]) == (hides_db, 0.0)
 
 
@@ -266,7 +266,7 @@ def test_a_session_gets_the_light_of_one_that_has_just_ended(shared_network: Net
     network, bits = shared_network, 3_000_000
     before = len(facts(network, "torn_down"))
     for opener, acceptor in (("alice", "bob"), ("bob", "alice"), ("bob", "alice")):
-        told = served(network, "bb84", opener, acceptor, count=bits)
-        assert told["sifted_bits"] >= bits
+        report = served(network, "bb84", opener, acceptor, count=bits)
+        assert report["sifted_bits"] >= bits
     over = [fact["detail"] for fact in facts(network, "torn_down")[before:]]
     assert over[:2] == ["close", "close"]

@@ -22,12 +22,12 @@ def sealed(runs: Path, *words: str) -> dict[str, Any]:
 @pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("eve", [0.5, None])
 def test_the_seal_is_broken_by_who_measures_on_the_fibre(tmp_path: Path, eve: float | None) -> None:
-    told = sealed(tmp_path, *([] if eve is None else ["--eve", str(eve)]))
-    assert told["alarm"] is (eve is not None)
+    report = sealed(tmp_path, *([] if eve is None else ["--eve", str(eve)]))
+    assert report["alarm"] is (eve is not None)
     if eve is None:
         error = (1 - (1 - NOISE) ** 4) / 2
-        assert told["compared"] >= 10_000
-        assert abs(told["error_rate"] - error) < 5 * sqrt(error / told["compared"])
+        assert report["compared"] >= 10_000
+        assert abs(report["error_rate"] - error) < 5 * sqrt(error / report["compared"])
     else:
-        assert told["compared"] < 1000  # 74 on average
-        assert told["eve"]["measured"] > 0
+        assert report["compared"] < 1000  # 74 on average
+        assert report["eve"]["measured"] > 0

@@ -31,8 +31,8 @@ def test_the_sum_of_phases_is_told_at_the_limit_of_its_probes(
     done = run_qmn("run", "sense", *words, "--runs", str(tmp_path))
     assert done.returncode == 0, done.stdout + done.stderr
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
-    told = result["job"]["asking"]
+    report = result["job"]["asking"]
     assert result["parameters"]["phases_rad"] == list(PHASES.values())
-    assert told["states"] == COUNT
-    assert abs(told["sum_rad"] - 1.3) < 5 * least / sqrt(COUNT)
-    assert abs(told["sum_error_rad"] / (least / sqrt(COUNT)) - 1) < 5 * sqrt(1 / 250)
+    assert report["states"] == COUNT
+    assert abs(report["sum_rad"] - 1.3) < 5 * least / sqrt(COUNT)
+    assert abs(report["sum_error_rad"] / (least / sqrt(COUNT)) - 1) < 5 * sqrt(1 / 250)

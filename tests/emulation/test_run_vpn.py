@@ -165,8 +165,8 @@ def test_the_tunnel_closes_while_eve_listens_and_the_file_arrives(
     require_schema(folder)
     alice, bob = (lines_of(folder / f"vpn-{host}.log") for host in ("alice", "bob"))
     keys = {
-        host: [each["key_ID"] for each in said if each["event"] == "key"]
-        for host, said in (("alice", alice), ("bob", bob))
+        host: [each["key_ID"] for each in text if each["event"] == "key"]
+        for host, text in (("alice", alice), ("bob", bob))
     }
     # The last change of keys may be going on when the network ends.
     assert all(one == other for one, other in zip(keys["alice"], keys["bob"], strict=False))
@@ -208,15 +208,15 @@ def alarm_comes_before_the_end(folder: Path, alice: list[dict[str, Any]], scale:
     assert closed["at"] < alarm["at"] + lifetime_s + SLACK_S
     assert closed["key_age_s"] == pytest.approx(LIFETIME_S, abs=SLACK_S / scale)
     # Keys change in time, unless one could not be had; each may be late.
-    told = [each for each in alice if each["event"] in ("key", "no_key")]
-    apart = [b["at"] - a["at"] for a, b in pairwise(told) if a["event"] == b["event"] == "key"]
+    reports = [each for each in alice if each["event"] in ("key", "no_key")]
+    apart = [b["at"] - a["at"] for a, b in pairwise(reports) if a["event"] == b["event"] == "key"]
     assert sum(apart) > 0.75 * len(apart) * ROTATE_S * scale
 
 
 def download_takes_its_time(folder: Path, size: int, scale: int) -> None:
     """Fail if more comes than the 4 Mbit a second of the network that `--mbit-s` says by itself."""
-    told = lines_of(folder / "download-alice.log")
-    first, last = told[0], told[-1]
+    report = lines_of(folder / "download-alice.log")
+    first, last = report[0], report[-1]
     passed_s = (last["at"] - first["at"]) / scale
     assert passed_s >= 0.9 * (size - first["bytes"]) * 8 / 4e6
 
@@ -234,10 +234,10 @@ def nothing_passes_while_it_is_closed(
     assert not [at for at in passed if closed + SLACK_S < at < opened]
 
 
-def longest_closed(said: list[dict[str, Any]]) -> tuple[float, float]:
+def longest_closed(text: list[dict[str, Any]]) -> tuple[float, float]:
     """Return from when to when an end was closed longest: a change of keys may be late as well."""
-    told = [each for each in said if each["event"] in ("tunnel_closed", "tunnel_opened")]
-    closed = [(a["at"], b["at"]) for a, b in pairwise(told) if a["event"] == "tunnel_closed"]
+    reports = [each for each in text if each["event"] in ("tunnel_closed", "tunnel_opened")]
+    closed = [(a["at"], b["at"]) for a, b in pairwise(reports) if a["event"] == "tunnel_closed"]
     return max(closed, key=lambda times: times[1] - times[0])
 
 
@@ -286,9 +286,9 @@ def test_the_tunnel_closes_in_time_while_its_end_waits_for_an_answer(
             wait_until(lambda: "tunnel_closed" in log.read_text(), "alice closes the tunnel")
         finally:
             os.kill(pid, signal.SIGCONT)
-    said = lines_of(log)
-    closed = next(each for each in said if each["event"] == "tunnel_closed")
-    last = max(each["at"] for each in said if each["event"] == "key" and each["at"] < closed["at"])
+    text = lines_of(log)
+    closed = next(each for each in text if each["event"] == "tunnel_closed")
+    last = max(each["at"] for each in text if each["event"] == "key" and each["at"] < closed["at"])
     assert last + LIFETIME_S <= closed["at"] < last + LIFETIME_S + SLACK_S
 
 
@@ -361,8 +361,8 @@ def test_without_the_same_ppk_ike_gives_up(tmp_path: Path) -> None:
     with tunnelled(tmp_path, "strongswan") as network:
         alice, runtime = network.host("alice"), network.runtime
         assert " 0% packet loss" in alice.cmd(ping)
-        said = lines_of(runtime.logs / "vpn-alice.log")
-        key = [each for each in said if each["event"] == "handshake"][-1]
+        text = lines_of(runtime.logs / "vpn-alice.log")
+        key = [each for each in text if each["event"] == "handshake"][-1]
         script = tmp_path / "wrong.py"
         script.write_text(WRONG_KEY)
         config = runtime.folder / "vpn-alice.json"
@@ -412,9 +412,9 @@ def test_strongswan_uses_the_key_before_no_longer_than_its_lifetime(tmp_path: Pa
         time.sleep(2 * SLACK_S)
         answered = [float(at) for at in re.findall(r"\[([\d.]+)\] 64 bytes from", pings.output())]
         ends["alice"].wait_for("closed", SOON_S, network.check)
-    said = ends["alice"].output().split("times ")[1].split()
-    first, second, ended = map(float, said[:3])
-    assert said[-2:] == ["closed", "False"]
+    lines = ends["alice"].output().split("times ")[1].split()
+    first, second, ended = map(float, lines[:3])
+    assert lines[-2:] == ["closed", "False"]
     assert first + lifetime_s <= ended < first + lifetime_s + SLACK_S
     assert [at for at in answered if second + SLACK_S < at < ended]
     assert max(answered) < ended + SLACK_S
@@ -432,9 +432,9 @@ def test_a_program_of_the_tunnel_that_is_killed_is_named(tmp_path: Path, struck:
             os.kill(pid, signal.SIGKILL)
         process.wait(60.0)
         errors.seek(0)
-        said = errors.read()
+        text = errors.read()
     assert process.returncode == 1
-    assert f"{struck} died in mid-run: killed by SIGKILL" in said
+    assert f"{struck} died in mid-run: killed by SIGKILL" in text
 
 
 def descendants_named(pid: int, name: str) -> list[int]:

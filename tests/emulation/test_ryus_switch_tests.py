@@ -91,7 +91,7 @@ def asked(controller: Controller, message: Any) -> tuple[int, int] | None:
     return (answer.type, answer.code) if isinstance(answer, parser.OFPErrorMsg) else None
 
 
-def told(controller: Controller, request: Any, hidden: int | None = None) -> list[str]:
+def replies(controller: Controller, request: Any, hidden: int | None = None) -> list[str]:
     """Return a multipart reply in words, but for how old, and how much used, entries are."""
     controller.send(request, 700)
     lines = []
@@ -136,9 +136,9 @@ class Bench:
         entries = parser.OFPFlowStatsRequest(DATAPATH, 0, *every)
         return {
             "answers": answers,
-            "entries": told(self._controller, entries, MARK),
-            "groups": told(self._controller, parser.OFPGroupDescStatsRequest(DATAPATH, 0)),
-            "meters": told(self._controller, parser.OFPMeterConfigStatsRequest(DATAPATH, 0)),
+            "entries": replies(self._controller, entries, MARK),
+            "groups": replies(self._controller, parser.OFPGroupDescStatsRequest(DATAPATH, 0)),
+            "meters": replies(self._controller, parser.OFPMeterConfigStatsRequest(DATAPATH, 0)),
         }
 
     def sent(self, test: Any) -> list[dict[str, list[object]]]:

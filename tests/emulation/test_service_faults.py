@@ -96,9 +96,9 @@ def spoken(network: Network, data: bytes, to: str = BOB, wait_s: float = 2.0) ->
     script = network.runtime.logs.parent / "speak.py"
     script.write_text(SPEAK)
     words = f"{sys.executable} {script} {to} {METADATA_PORT} {data.hex()} {wait_s}"
-    said = network.host("alice").cmd(words)
-    found = re.search(r"heard=([0-9a-f]*)", said)
-    assert found or "silence" in said, said
+    output = network.host("alice").cmd(words)
+    found = re.search(r"heard=([0-9a-f]*)", output)
+    assert found or "silence" in output, output
     return decode(bytes.fromhex(found[1])) if found and found[1] else None
 
 

@@ -18,8 +18,8 @@ from topologies.networks.network import Network
 
 def run_service(runs: Path, *words: str, report: bool = False) -> dict[str, Any]:
     """Run a service; return its result."""
-    told = [] if report else ["--without", "report"]
-    done = run_qmn("run", *words, "--runs", str(runs), *told)
+    reply = [] if report else ["--without", "report"]
+    done = run_qmn("run", *words, "--runs", str(runs), *reply)
     assert done.returncode == 0, done.stdout + done.stderr
     result: dict[str, Any] = json.loads((runs / "latest" / "result.json").read_text())
     return result
@@ -49,13 +49,13 @@ def test_states_are_teleported(tmp_path: Path, controller: str) -> None:
     noise = ("--depolarizing", "0.01", "--controller", controller)
     result = run_service(tmp_path, "teleport", "--count", "40000", *noise, report=True)
     assert result["delivered"]
-    told = result["job"]["asking"]
-    assert told["states"] == told["arrived"] == 40_000
+    report = result["job"]["asking"]
+    assert report["states"] == report["arrived"] == 40_000
     pair = (1 + 3 * 0.99**4) / 4  # each half passes two fibres
-    assert abs(told["fidelity"] - (2 * pair + 1) / 3) < 5 * told["fidelity_error"]
-    assert told["waited_ms"] > 0
+    assert abs(report["fidelity"] - (2 * pair + 1) / 3) < 5 * report["fidelity_error"]
+    assert report["waited_ms"] > 0
     assert {name: result["job"]["asked"][name] for name in ("arrived", "fidelity")} == {
-        name: told[name] for name in ("arrived", "fidelity")
+        name: report[name] for name in ("arrived", "fidelity")
     }
     folder = tmp_path / "latest"
     script = folder / "qmn.lua"
@@ -75,16 +75,16 @@ def test_states_are_teleported(tmp_path: Path, controller: str) -> None:
 @pytest.mark.nightly
 def test_any_state_is_teleported_on_dense(tmp_path: Path) -> None:
     words = ("teleport", "--backend", "dense", "--state", "haar", "--depolarizing", "0.02")
-    told = run_service(tmp_path, *words)["job"]["asking"]
+    report = run_service(tmp_path, *words)["job"]["asking"]
     pair = (1 + 3 * 0.98**4) / 4  # each half passes two fibres
-    assert abs(told["fidelity"] - (2 * pair + 1) / 3) < 5 * told["fidelity_error"]
+    assert abs(report["fidelity"] - (2 * pair + 1) / 3) < 5 * report["fidelity_error"]
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
     assert (result["backend"], result["exact"]) == ("dense", True)
 
 
 def test_states_are_teleported_over_two_switches(chain_network: Network) -> None:
-    told = served(chain_network, "teleport", "alice", "bob", count=1000)
-    assert (told["states"], told["fidelity"]) == (1000, 1)
+    report = served(chain_network, "teleport", "alice", "bob", count=1000)
+    assert (report["states"], report["fidelity"]) == (1000, 1)
 
 
 def test_a_policy_may_allow_one_service_and_no_other(tmp_path: Path) -> None:

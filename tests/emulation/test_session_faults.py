@@ -75,12 +75,12 @@ def test_a_host_whose_address_is_told_late_is_reached(shared_network: Network) -
     bob.cmd(f"{link} off")
     for host in (alice, bob):
         host.cmd("ip neigh flush all")
-    told = Timer(3.5, lambda: bob.cmd(f"{link} on"))
+    report = Timer(3.5, lambda: bob.cmd(f"{link} on"))
     with QuantumSocket(shared_network.runtime.socket("bob")) as listener:
         listener.listen(7)
-        told.start()
+        report.start()
         with QuantumSocket(shared_network.runtime.socket("alice")) as sender:
             sender.connect(("bob", 7))
             sender.close()
         listener.accept()[0].close()
-    told.join()
+    report.join()

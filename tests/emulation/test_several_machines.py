@@ -55,8 +55,8 @@ def facts(run: Path) -> dict[str, Any]:
     """Return what a run says that time does not change."""
     result = json.loads((run / "result.json").read_text())
     same = ("bell_pairs", "lost_pairs", "symbol_errors", "repeated_frames")
-    told = {name: result["job"]["asking"][name] for name in same}
-    return {**told, "delivered": result["delivered"], "exact": result["exact"]}
+    reports = {name: result["job"]["asking"][name] for name in same}
+    return {**reports, "delivered": result["delivered"], "exact": result["exact"]}
 
 
 def test_bob_on_a_second_machine_gets_what_he_gets_on_this_one(
@@ -123,8 +123,10 @@ def spoken(file: Path, *words: str) -> str:
     ).stdout
     assert streams
     follow = [f"-zfollow,tls,ascii,{stream}" for stream in streams.split()]
-    told = [*tshark, "-q", *follow]
-    return subprocess.run(told, capture_output=True, text=True, check=True, timeout=SOON_S).stdout
+    reports = [*tshark, "-q", *follow]
+    return subprocess.run(
+        reports, capture_output=True, text=True, check=True, timeout=SOON_S
+    ).stdout
 
 
 def packets(file: Path) -> dict[bytes, int]:
@@ -156,7 +158,7 @@ def test_heavy_traffic_of_a_host_on_a_second_machine_is_that_of_one_machine(
     words = ["run", "load", "--service", "ghz", "--traffic", "trace", "--file", str(trace)]
     words += ["--from", hosts, "--to", hosts, "--contention", "queue", "--without", "report"]
     words += ["--depolarizing", "0.05", "--loss-db-per-km", "50", "--seed", str(SEED)]
-    told = {}
+    reports = {}
     by_open_vswitch = (*ON_SECOND, "--tunnels", "open-vswitch")
     for name, where in (("one", ()), ("two", ON_SECOND), ("ovs", by_open_vswitch)):
         done = subprocess.run(
@@ -168,17 +170,17 @@ def test_heavy_traffic_of_a_host_on_a_second_machine_is_that_of_one_machine(
             timeout=PROGRAM_S,
         )
         assert done.returncode == 0, done.stderr
-        told[name] = json.loads((tmp_path / name / "latest" / "result.json").read_text())
-        sessions = told[name]["job"]["load"]["sessions"]
+        reports[name] = json.loads((tmp_path / name / "latest" / "result.json").read_text())
+        sessions = reports[name]["job"]["load"]["sessions"]
         assert [each["outcome"] for each in sessions] == ["accepted"] * 2, sessions
     # Memories, which are ideal, also tell how long a qubit was in them.
     one, two, ovs = (
         [line.partition(" after ")[0] for line in events(tmp_path / name / "latest")]
-        for name in told
+        for name in reports
     )
-    assert told["one"]["photons_lost"] > 0
+    assert reports["one"]["photons_lost"] > 0
     assert two == ovs == one
-    assert all(told[name]["machines"]["m2"]["hosts"] == ["bob"] for name in ("two", "ovs"))
+    assert all(reports[name]["machines"]["m2"]["hosts"] == ["bob"] for name in ("two", "ovs"))
     second.require_only(before)
     links = subprocess.run(["ip", "-json", "link"], capture_output=True, text=True, check=True)
     assert {each["ifname"] for each in json.loads(links.stdout)} == {"lo", "under1"}
@@ -191,11 +193,11 @@ def test_a_kernel_says_so_that_it_has_no_interfaces_of_a_kind() -> None:
 
 
 def test_who_may_not_take_files_of_open_vswitch_is_told_so() -> None:
-    told = "from topologies.system.machines import user_space as our; "
-    told += f"our._let_interfaces_end_with({os.getpid()})"
+    report = "from topologies.system.machines import user_space as our; "
+    report += f"our._let_interfaces_end_with({os.getpid()})"
     may_not = ["setpriv", "--bounding-set=-sys_ptrace", "--inh-caps=-sys_ptrace"]
     with open(TUN, "rb"):  # as its daemon has it; who asks has less rights than this process
-        words = [*may_not, sys.executable, "-c", told]
+        words = [*may_not, sys.executable, "-c", report]
         done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
     assert f"NetworkError: {MAY_NOT}" in done.stderr
 
@@ -234,8 +236,8 @@ def test_an_agent_that_does_not_end_is_named_killed_and_waited_for(
             if arguments(pid)[1:4] == ["-P", "-m", AGENT]
         )
         os.kill(agent, signal.SIGSTOP)
-    said = [each.getMessage() for each in caplog.records if each.name == "mininet"]
-    assert said == ["m2: its agent had not ended after 5 s\n"]
+    lines = [each.getMessage() for each in caplog.records if each.name == "mininet"]
+    assert lines == ["m2: its agent had not ended after 5 s\n"]
     second.require_only(before)
 
 
@@ -273,12 +275,12 @@ def test_the_command_line_steers_a_host_of_a_second_machine(
         check=False,
         timeout=PROGRAM_S,
     )
-    said = done.stdout
-    assert said.count("1 packets transmitted, 1 received, 0% packet loss") == 2
-    assert "bob: there by light" in said
-    assert "alice: and back" in said
-    assert "cut" not in said
-    lines = set(said.splitlines())
+    text = done.stdout
+    assert text.count("1 packets transmitted, 1 received, 0% packet loss") == 2
+    assert "bob: there by light" in text
+    assert "alice: and back" in text
+    assert "cut" not in text
+    lines = set(text.splitlines())
     assert {"100000", "the limit stays", "the kernel stays", "it mounts"} <= lines
     (namespace,) = (line.split()[1] for line in lines if line.startswith("namespace "))
     assert namespace.startswith("user:[")

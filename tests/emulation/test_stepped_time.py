@@ -70,7 +70,7 @@ def test_teleportation_into_a_memory_of_10_ms_has_the_fidelity_of_its_closed_for
 ) -> None:
     """Dephasing for t flips four of the six states with probability (1 - exp(-t / T2)) / 2.
 
-    The wait of photon i of n is exact: until the last of them is there, and then for alice's bits
+    The wait of photon i of n is exact: until the last of them has come, and then for alice's bits
     over two cables of 20 km, at the speed of light in a fibre. Software is stated for two messages:
     alice's of the source, which comes with the light, and bob's of alice.
     """

@@ -105,12 +105,12 @@ def test_light_paths_are_connectivity_services_while_they_stand(
     assert http.get(services) == {name: []}
     with session(network, "alice", "bob") as opened:
         assert opened.carry(b"x") == b"x"
-        told = http.get(services)[name]
-        ends = {tuple(end["local-id"] for end in each["end-point"]) for each in told}
+        report = http.get(services)[name]
+        ends = {tuple(end["local-id"] for end in each["end-point"]) for each in report}
         assert ("charlie-q0", "alice-q0") in ends
-        assert {each["lifecycle-state"] for each in told} == {"INSTALLED"}
-        one = f"{services}={told[0]['uuid']}"
-        assert http.get(one) == {name: [told[0]]}
+        assert {each["lifecycle-state"] for each in report} == {"INSTALLED"}
+        one = f"{services}={report[0]['uuid']}"
+        assert http.get(one) == {name: [report[0]]}
     wait_until(lambda: http.get(services) == {name: []}, "the paths are closed")
     with pytest.raises(urllib.error.HTTPError, match="404") as caught:
         http.get(one)

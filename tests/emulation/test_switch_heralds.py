@@ -16,14 +16,14 @@ def switches(count: int) -> list[str]:
 
     Hosts at its ends have the same emitters.
     """
-    said = emitters("alice", "bob")
+    text = emitters("alice", "bob")
     for number in range(1, count + 1):
         parts = {"parts": "station", "detectors.dark_count_hz": "0"}
         if number % 2 == 0:
             parts = {"analysers": "1", "memories": "2", "memory.kind": "emissive"}
             parts |= {f"emitter.{name}": value for name, value in EMITTER.items()}
-        said += [word for name in parts for word in ("--switch", f"q{number}.{name}={parts[name]}")]
-    return [*said, "--topology", f"chain,{count}", "--count", "400", "--sample", "0.5"]
+        text += [word for name in parts for word in ("--switch", f"q{number}.{name}={parts[name]}")]
+    return [*text, "--topology", f"chain,{count}", "--count", "400", "--sample", "0.5"]
 
 
 @pytest.mark.parametrize("count", [3, pytest.param(9, marks=pytest.mark.nightly)])

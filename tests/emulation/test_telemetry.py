@@ -34,8 +34,8 @@ def asked(network: Network, path: str) -> dict[str, Any]:
         check=True,
         timeout=SOON_S,
     )
-    told = json.loads(done.stdout)["notification"]
-    return {each["path"]: each["val"] for part in told for each in part.get("update", ())}
+    report = json.loads(done.stdout)["notification"]
+    return {each["path"]: each["val"] for part in report for each in part.get("update", ())}
 
 
 def test_operators_see_photons_power_and_paths_of_a_session(tmp_path: Path) -> None:

@@ -68,9 +68,9 @@ def one_way_s(kilometres: float) -> float:
 
 def fastest_ping_s(host: Any, address: str) -> float:
     """Return the shortest of several round trips."""
-    told = host.cmd(f"ping -c 8 -i 0.05 -W 20 -q {address}")
-    found = re.search(r"min/avg/max/mdev = ([\d.]+)/", told)
-    assert found, told
+    output = host.cmd(f"ping -c 8 -i 0.05 -W 20 -q {address}")
+    found = re.search(r"min/avg/max/mdev = ([\d.]+)/", output)
+    assert found, output
     return float(found[1]) / 1e3
 
 
@@ -103,9 +103,9 @@ def test_copper_that_is_too_short_for_light_is_marked(tmp_path: Path) -> None:
     """Without any copper, bob hears what alice has measured 4000 km before light could tell."""
     with start("sdc", folder=tmp_path, length_km=2000.0, copper_km=0.0):
         pass
-    told = json.loads((tmp_path / "result.json").read_text())["acausal"]
-    assert told["early_s"] == pytest.approx(one_way_s(4000))
-    assert {told["origin"], told["receiver"]} < {"alice", "bob", "charlie"}
+    report = json.loads((tmp_path / "result.json").read_text())["acausal"]
+    assert report["early_s"] == pytest.approx(one_way_s(4000))
+    assert {report["origin"], report["receiver"]} < {"alice", "bob", "charlie"}
 
 
 def test_light_lost_at_a_far_switch_is_known_when_news_is_back(tmp_path: Path) -> None:
@@ -118,9 +118,9 @@ def test_light_lost_at_a_far_switch_is_known_when_news_is_back(tmp_path: Path) -
         script.write_text(EMIT)
         ed = f"{network.host('ed').IP()}:{DISPATCHER_PORT}"
         words = f"{ed} {network.runtime.token('charlie')} charlie-q0 charlie-q1"
-        told = network.host("charlie").cmd(f"{sys.executable} {script} {words}")
+        output = network.host("charlie").cmd(f"{sys.executable} {script} {words}")
         sent, dark = (moments(tmp_path, kind, 2 * EMISSIONS) for kind in ("send", "dark"))
-    took_s = [float(line) for line in told.splitlines()]
+    took_s = [float(line) for line in output.splitlines()]
     assert len(took_s) == EMISSIONS
     back_s = 50 * 2 * one_way_s(2000)
     assert min(took_s) < back_s
@@ -179,10 +179,12 @@ def test_a_busy_machine_does_not_change_what_waiting_does_to_qubits(tmp_path: Pa
     with busy_machine():
         busy = teleported(tmp_path / "busy", length_km, t2_s)
     for result in (quiet, busy):
-        told = result["job"]["asking"]
-        assert told["states"] == told["arrived"] == STATES
-        assert abs(told["fidelity"] - expected) < 5 * math.sqrt(expected * (1 - expected) / STATES)
-        assert told["waited_ms"] / 1e3 >= waits_s - 1e-6
+        report = result["job"]["asking"]
+        assert report["states"] == report["arrived"] == STATES
+        assert abs(report["fidelity"] - expected) < 5 * math.sqrt(
+            expected * (1 - expected) / STATES
+        )
+        assert report["waited_ms"] / 1e3 >= waits_s - 1e-6
         assert result["time_scale"] == 4000
     difference = quiet["job"]["asking"]["fidelity"] - busy["job"]["asking"]["fidelity"]
     assert abs(difference) < 5 * math.sqrt(2 * expected * (1 - expected) / STATES)

@@ -109,10 +109,10 @@ def test_the_filters_of_the_documentation_find_something(run: Path) -> None:
 
 
 def test_the_scapy_lines_of_the_documentation_show_what_was_sent(run: Path) -> None:
-    said = typed("timeline.md", 0, run)
-    assert 'kind: "open"' in said
-    assert "[1]" in said  # granted
-    assert "quantum device datagram" in said
+    text = typed("timeline.md", 0, run)
+    assert 'kind: "open"' in text
+    assert "[1]" in text  # granted
+    assert "quantum device datagram" in text
 
 
 def test_a_spy_sees_every_event_of_a_network_and_ends_with_it(tmp_path: Path) -> None:
@@ -128,12 +128,12 @@ def test_a_spy_sees_every_event_of_a_network_and_ends_with_it(tmp_path: Path) ->
             network.stdin.write("exit\n")
             network.finish(60)
             lines = first + process.finish(30)
-        said = read(errors)
-    assert process.returncode == 0, said
+        text = read(errors)
+    assert process.returncode == 0, text
     seen = [json.loads(line) for line in lines.splitlines()]
     log = (tmp_path / "latest" / "quantum.log").read_text().splitlines()
     assert [event["time"] for event in seen] == [line.split()[0] for line in log]
-    assert said == f"qmn: {len(log)} events shown, 0 dropped\n"
+    assert text == f"qmn: {len(log)} events shown, 0 dropped\n"
 
 
 @pytest.mark.image

@@ -40,13 +40,13 @@ def firsts(files: Iterable[Path], port: int) -> Iterator[bytes]:
     for file in files:
         heard = set()
         for packet in rdpcap(str(file)):
-            said = bytes(packet[TCP].payload) if TCP in packet else b""
-            if not said or port not in (packet[TCP].sport, packet[TCP].dport):
+            text = bytes(packet[TCP].payload) if TCP in packet else b""
+            if not text or port not in (packet[TCP].sport, packet[TCP].dport):
                 continue
             end = packet[IP].src, packet[TCP].sport, packet[TCP].dport
             if end not in heard:
                 heard.add(end)
-                yield said
+                yield text
 
 
 @pytest.mark.image
@@ -57,9 +57,9 @@ def test_a_run_by_tls_is_read_by_who_has_its_key_log(tmp_path: Path) -> None:
     assert (run / "received").read_bytes() == b"hello"
     assert (run / "openflow.keys").stat().st_mode & 0o777 == 0o600
     for files, port in [("c0.pcap", OPENFLOW_PORT), ("s1-*.pcap", DISPATCHER_PORT)]:
-        said = list(firsts(run.glob(files), port))
-        assert said
-        assert {data[0] for data in said} == {HANDSHAKE}
+        lines = list(firsts(run.glob(files), port))
+        assert lines
+        assert {data[0] for data in lines} == {HANDSHAKE}
     assert kinds(run, "c0.pcap") == set()
     assert {FEATURES_REPLY, BUNDLE_ADD} <= kinds(run, "all.pcapng")
     log = "-o", "tls.keylog_file:openflow.keys"

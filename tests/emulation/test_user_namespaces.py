@@ -24,13 +24,13 @@ BELOW = ["unshare", "--user", "--map-root-user"]
 
 def does(host: Node, command: str) -> bool:
     """Whether a command in a host's shell succeeds."""
-    said: str = host.cmd(f"({command}) >/dev/null 2>&1; echo status=$?")
-    return said.split()[-1] == "status=0"
+    text: str = host.cmd(f"({command}) >/dev/null 2>&1; echo status=$?")
+    return text.split()[-1] == "status=0"
 
 
 def user_namespace_of(host: Node) -> str:
-    said: str = host.cmd("readlink /proc/self/ns/user")
-    return said.strip()
+    text: str = host.cmd("readlink /proc/self/ns/user")
+    return text.strip()
 
 
 def test_each_host_has_one_with_the_users_of_this_machine(shared_network: Network) -> None:
@@ -47,11 +47,11 @@ def test_a_command_is_where_the_shell_is(shared_network: Network) -> None:
     alice = shared_network.host("alice")
     kinds = ("user", "mnt", "net", "pid", "ipc")
     links = " ".join(f"/proc/self/ns/{kind}" for kind in kinds)
-    said, errors, status = alice.pexec(f"readlink {links}", cwd=None)
+    text, errors, status = alice.pexec(f"readlink {links}", cwd=None)
     assert (errors, status) == ("", 0)
-    assert said.split() == alice.cmd(f"readlink {links}").split()
-    said, _errors, _status = alice.pexec("pwd", cwd=ROOT / "docs")
-    assert said.strip() == str(ROOT / "docs")
+    assert text.split() == alice.cmd(f"readlink {links}").split()
+    text, _errors, _status = alice.pexec("pwd", cwd=ROOT / "docs")
+    assert text.strip() == str(ROOT / "docs")
 
 
 def test_programs_of_the_run_are_in_none(shared_network: Network) -> None:

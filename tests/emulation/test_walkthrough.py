@@ -87,15 +87,15 @@ def test_runs_of_their_own_print_what_is_shown(folder: Path, typed: str, shown: 
 
 def answered(prompt: str, program: str, folder: Path) -> None:
     """Type to a program what the page types at its prompt, and compare what it prints."""
-    said = [(line, shown) for line, shown in STEPS if line.startswith(prompt)]
+    texts = [(line, shown) for line, shown in STEPS if line.startswith(prompt)]
     mark = f"sh echo {shlex.quote(BETWEEN)}\n"
-    lines = [in_folder(line.removeprefix(prompt), folder) for line, _shown in said]
+    lines = [in_folder(line.removeprefix(prompt), folder) for line, _shown in texts]
     typed = mark + mark.join(f"{line}\n" for line in lines)
     where = ROOT if prompt == MININET else folder
     printed = bash(f"{program} 2>&1", where, typed=typed).replace(prompt, "")
     parts = printed.split(f"{BETWEEN}\n")[1:]  # behind what it says when it starts
-    assert len(parts) == len(said)
-    for (line, shown), part in zip(said, parts, strict=True):
+    assert len(parts) == len(texts)
+    for (line, shown), part in zip(texts, parts, strict=True):
         check(line, shown, part)
 
 

@@ -46,11 +46,11 @@ def _read_by(readers: list[Callable[[bytes], object]], kind: int) -> Callable[[b
 
 
 def _openflow(
-    side: str, said: list[bytes], readers: dict[int, list[Callable[[bytes], object]]]
+    side: str, text: list[bytes], readers: dict[int, list[Callable[[bytes], object]]]
 ) -> dict[str, Target]:
     return {
         f"OpenFlow {kind} of {side}": Target(
-            [message for message in said if message[1] == kind],
+            [message for message in text if message[1] == kind],
             _read_by(reading, kind),
             spoil=mutations.spoiled,
             refusals=REFUSED,
@@ -89,7 +89,7 @@ def _circuit(read: Callable[[Source], Circuit]) -> Callable[[bytes], Circuit]:
     return decode
 
 
-SAID = [message for scene in mutations.requests() for message in scene]
+MESSAGES = [message for scene in mutations.requests() for message in scene]
 REGISTERS = 'OPENQASM 2.0;\ninclude "qelib1.inc";\nqreg q[2]; qreg r[2];\ncreg c[2];\n'
 QASM = [
     REGISTERS + "h q; cx q, r; measure r -> c;",
@@ -99,10 +99,10 @@ QASM = [
 CHP = ["c 0 1 is no\ninstruction #\nh 0\nc 0 3\n\np 3\nm 3\nm 0\n"]
 
 TARGETS: dict[str, Target] = {
-    **_openflow("a controller", SAID, test_agent_mutations.OF_CONTROLLER),
+    **_openflow("a controller", MESSAGES, test_agent_mutations.OF_CONTROLLER),
     **_openflow("a bridge", mutations.replies(), test_agent_mutations.OF_BRIDGE),
     "OpenFlow match": Target(
-        [FlowMod.decode(message).match for message in SAID if message[1] == 14], _match
+        [FlowMod.decode(message).match for message in MESSAGES if message[1] == 14], _match
     ),
     "session that is kept": Target(
         [test_recovery.kept(), test_recovery.kept(PER_PAIR), test_snapshots.golden()],

@@ -2,7 +2,7 @@
 
 A message that a decoder takes has a meaning: written again and read again, it is the same. Where
 a format has one way to say a thing (`canonical`), the bytes written are those that were read.
-What it does not take it refuses with the error named, and no other.
+It refuses all other messages with the error named, and no other.
 """
 
 from collections.abc import Callable, Sequence

@@ -4,10 +4,10 @@ python tests/live_speed/measure.py                       (root; `make live-speed
 python tests/live_speed/measure.py --events-per-s 2000 --seconds 90 --rounds 8
 
 First a run of a number of events a second, in turns without a page and with one: the pairs a second
-that it keeps with a page, of those shortly before and after. What opening a page takes once is not
-among them. Then a run likewise that is as fast as this machine can, and fills its processors: what
-it keeps is told, and decides nothing. Then the events of that run come again, as fast as is said,
-to the same server and page. The browser is Chromium without a window; what it draws is as in one.
+with a page, of those shortly before and after, without the time that opening a page takes. Then a
+run as fast as this machine can, which fills its processors: its share is printed, and decides
+nothing. Then the events of that run come again, at the given rate, to the same server and page. The
+browser is Chromium without a window, which draws as in one.
 """
 
 import argparse
@@ -46,7 +46,7 @@ def main() -> int:
         folder = (Path(name) / "latest").resolve()
         with replayed(folder, arguments.events_per_s) as (address, server):
             sample = looked_at(address, arguments.seconds, server)
-    return 0 if told(arguments.events_per_s, sample) and share >= KEPT else 1
+    return 0 if report(arguments.events_per_s, sample) and share >= KEPT else 1
 
 
 def measured(
@@ -58,17 +58,17 @@ def measured(
     for turn in turns:
         show(turn)
     shares = kept(turns)
-    print(f"pairs a second with a page, of those without: {said(shares)}")
+    print(f"pairs a second with a page, of those without: {text(shares)}")
     return statistics.mean(shares)
 
 
 def show(turn: Turn) -> None:
     """Print what a run did for some seconds."""
-    page = f"a page: {turn.browser:.2f} of a processor; {turn.said}" if turn.said else "no page"
+    page = f"a page: {turn.browser:.2f} of a processor; {turn.text}" if turn.text else "no page"
     print(f"{turn.pairs_per_s:8,.0f} pairs/s  {turn.events_per_s:6,.0f} events/s  {page}")
 
 
-def told(events_per_s: int, sample: Sample) -> bool:
+def report(events_per_s: int, sample: Sample) -> bool:
     """Print what was seen of a page, and return whether it is what it is to be."""
     median, most = (percentile(sample.behind_ms, share) for share in (50, 95))
     print(
@@ -89,7 +89,7 @@ def kept(turns: list[Turn]) -> list[float]:
     ]
 
 
-def said(shares: list[float]) -> str:
+def text(shares: list[float]) -> str:
     """Return the mean with its standard error, and the median: other work comes in bursts."""
     error = statistics.stdev(shares) / len(shares) ** 0.5 if len(shares) > 1 else math.nan
     mean, median = 100 * statistics.mean(shares), 100 * statistics.median(shares)

@@ -32,7 +32,7 @@ class Turn:
     pairs_per_s: float
     events_per_s: float
     browser: float  # processors that all processes of the browser took
-    said: str  # by the page; nothing: there was none
+    text: str  # by the page; nothing: there was none
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Time:
     begin_s: float
     end_s: float
     browser: float
-    said: str
+    text: str
 
 
 def run(
@@ -69,8 +69,8 @@ def run(
                 began, spent = time.time(), processors_s(devtools)
                 time.sleep(seconds)
                 took = (processors_s(devtools) - spent) / seconds
-                said = page.inner_text("#status") if page is not None else ""
-                times.append(Time(began, time.time(), took, said))
+                text = page.inner_text("#status") if page is not None else ""
+                times.append(Time(began, time.time(), took, text))
         assert network.poll() is None, "the run has ended before it was measured"
         network.send_signal(signal.SIGINT)
         network.wait(DEADLINE_S)
@@ -108,6 +108,6 @@ def turns(run: Path, times: list[Time]) -> list[Turn]:
                 pairs[number] += event.photons if event.kind == "create" else 0
     took = [each.end_s - each.begin_s for each in times]
     return [
-        Turn(made / s, happened / s, each.browser, each.said)
+        Turn(made / s, happened / s, each.browser, each.text)
         for made, happened, s, each in zip(pairs, events, took, times, strict=True)
     ]

@@ -108,8 +108,8 @@ def looked_at(address: str, seconds: float, server: int) -> Sample:
         heaps, memories = [0.0], [0.0]
         while (left := began + seconds - time.monotonic()) > 0:
             page.wait_for_timeout(1000 * min(left, LOOK_S))
-            told = heap.send("Performance.getMetrics")["metrics"]
-            metrics = {each["name"]: each["value"] for each in told}
+            report = heap.send("Performance.getMetrics")["metrics"]
+            metrics = {each["name"]: each["value"] for each in report}
             heaps.append(metrics["JSHeapUsedSize"] / (1 << 20))
             memories.append(own_mib(pid))
         took = time.monotonic() - began

@@ -42,7 +42,7 @@ def replayed(run: Path, events_per_s: int) -> Iterator[tuple[str, int]]:
         server.join(DEADLINE_S)
 
 
-def served(run: Path, events_per_s: int, told: Connection) -> None:
+def served(run: Path, events_per_s: int, report: Connection) -> None:
     """Serve the replay until this process is asked to end."""
     _result, network = read_result(run)
     messages = map(json.loads, timeline_of_run(run).after(0, 1 << 30)[0])
@@ -51,7 +51,7 @@ def served(run: Path, events_per_s: int, told: Connection) -> None:
     threading.Thread(target=come_again, args=(past, timeline, events_per_s), daemon=True).start()
     facts = described(network)
     view = View("again", facts, timeline, run, True, False, {"handshake": str}, Pace(unused))
-    asyncio.run(serve(view, Place(), lambda address, _for_all: told.send(address)))
+    asyncio.run(serve(view, Place(), lambda address, _for_all: report.send(address)))
 
 
 def come_again(past: list[dict[str, Any]], timeline: Timeline, events_per_s: int) -> None:

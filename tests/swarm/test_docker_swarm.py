@@ -129,15 +129,15 @@ def swarm() -> Iterator[tuple[Engine, Engine]]:
 
 def workers(first: Engine) -> list[str]:
     """Return the output of workers that had joined."""
-    said = first.says("service", "logs", "--raw", "qmn_worker").splitlines()
-    return [line for line in said if line.startswith("ready: m2 ")]
+    lines = first.says("service", "logs", "--raw", "qmn_worker").splitlines()
+    return [line for line in lines if line.startswith("ready: m2 ")]
 
 
 def facts(run: Path) -> dict[str, Any]:
     """Return what time does not change."""
     result = json.loads((run / "result.json").read_text())
-    told = {name: result["job"]["asking"][name] for name in ("bell_pairs", "lost_pairs")}
-    return {**told, "delivered": result["delivered"], "exact": result["exact"]}
+    reports = {name: result["job"]["asking"][name] for name in ("bell_pairs", "lost_pairs")}
+    return {**reports, "delivered": result["delivered"], "exact": result["exact"]}
 
 
 def events(run: Path) -> list[str]:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from jobs import keys_differ
 from leaps import Span, wrong_leaps
-from outcomes import Made, Outcome, bad, first_told, told, too_few
+from outcomes import Made, Outcome, bad, describe, first_report, too_few
 from strikes import Strike
 from under_way import Moment
 
@@ -31,7 +31,7 @@ def test_a_run_that_names_what_was_struck_is_right() -> None:
 def test_a_run_that_blames_another_is_wrong_and_says_so() -> None:
     found = outcome("qmn: dispatcher died in mid-run", (KILLED_BOB, 0.0))
     assert bad(found)
-    assert "ANOTHER NAMED" in told(found)
+    assert "ANOTHER NAMED" in describe(found)
 
 
 def test_of_several_strikes_any_may_be_named() -> None:
@@ -53,10 +53,10 @@ def test_a_strike_with_no_name_of_its_own_may_be_what_any_cause_is_of() -> None:
 
 
 def test_a_cut_fibre_is_named_when_the_run_tells_of_it_and_not_when_it_ends() -> None:
-    said = [(1.0, "no light: fibre a is cut"), (2.0, "no light: fibre b is cut"), (12.0, "ending")]
+    lines = [(1.0, "no light: fibre a is cut"), (2.0, "no light: fibre b is cut"), (12.0, "ending")]
     cause = "ending: no light for 10 s: fibre b is cut"
-    assert first_told(said, cause, ended=12.0) == 2.0
-    assert first_told(said, "ending: bob died in mid-run", ended=12.0) == 12.0
+    assert first_report(lines, cause, ended=12.0) == 2.0
+    assert first_report(lines, "ending: bob died in mid-run", ended=12.0) == 12.0
     assert bad(outcome(cause, (CUT, 0.5), at_s=12.0))
     assert not bad(outcome(cause, (CUT, 0.5), at_s=2.0))
 
@@ -67,8 +67,8 @@ def test_what_a_session_for_keys_failed_by_is_told_before_the_run_ends() -> None
     cause = (
         f"ending: the file was not there in 60 s: no keys, as alice's last session failed: {why}"
     )
-    assert first_told([(2.0, line), (60.0, cause)], cause, ended=60.0) == 2.0
-    assert first_told([(2.0, line)], "ending: bob died in mid-run", ended=60.0) == 60.0
+    assert first_report([(2.0, line), (60.0, cause)], cause, ended=60.0) == 2.0
+    assert first_report([(2.0, line)], "ending: bob died in mid-run", ended=60.0) == 60.0
 
 
 def test_fewer_strikes_than_were_asked_for_are_a_fault() -> None:

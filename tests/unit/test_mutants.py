@@ -7,7 +7,7 @@ from bugs import ROOT, Bug, bugs, nearest_tests
 from test_structure import PRODUCT, RINGS
 
 LEAST = 0.75  # of the bugs that are due to a room by its lines
-MOST_SHARE = 0.1  # that may fit no more: whoever renames something need not mend them at once
+MOST_SHARE = 0.1  # that may no longer fit: a rename need not mend them at once
 
 
 def test_bugs_fit_the_files_as_they_are() -> None:

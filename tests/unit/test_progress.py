@@ -70,7 +70,7 @@ echo "global.index-url='https://its.files/simple'"
 
 
 def installed(
-    folder: Path, status: int = 0, every_s: str = "0", **told: str
+    folder: Path, status: int = 0, every_s: str = "0", **report: str
 ) -> subprocess.CompletedProcess[str]:
     """Install by a uv that says and returns this, where a pip has files of its own."""
     (folder / ".venv" / "bin").mkdir(parents=True, exist_ok=True)
@@ -82,7 +82,7 @@ def installed(
     return subprocess.run(
         [ROOT / "setup" / "python-packages", "a.lock"],
         cwd=folder,
-        env={**ours, "EVERY_S": every_s, **told},
+        env={**ours, "EVERY_S": every_s, **report},
         capture_output=True,
         text=True,
         check=False,
@@ -109,4 +109,4 @@ def test_set_up_looks_where_pip_has_been_told_to_look(tmp_path: Path) -> None:
 def test_set_up_that_fails_says_so(tmp_path: Path) -> None:
     done = installed(tmp_path, status=2)
     assert done.returncode == 1
-    assert done.stderr.startswith("setup: what a.lock lists could not be installed; ")
+    assert done.stderr.startswith("setup: the packages of a.lock could not be installed; ")

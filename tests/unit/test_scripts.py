@@ -17,7 +17,7 @@ SCRIPTS += ["docker/within", "setup/run-sdc"]
 # Behind this line they are on a Debian.
 DEBIAN_ALONE = {"docker/base": "command -v apt-get"}
 
-# What bash has had since 4.0 (`CHANGES` in its sources), and GNU's tools alone: name, how it is
+# Features of bash since 4.0 (`CHANGES` in its sources), and of GNU's tools alone: name, how it is
 # recognised, a line that must be.
 NEWER = {
     "arrays read from lines": (r"\b(mapfile|readarray)\b", "mapfile -t lines < <(ls)"),
@@ -113,7 +113,7 @@ def checkout(tmp_path: Path) -> Path:
     git(folder, "init", "--quiet")
     git(folder, "add", ".")
     git(folder, "commit", "--quiet", "--message", "all")
-    (folder / "product/changed").write_text("anew")
+    (folder / "product/changed").write_text("changed")
     (folder / "product/new").write_text("new")
     (folder / "product/code.pyc").write_text("ignored")
     (folder / "gone/file").unlink()
@@ -136,7 +136,7 @@ def test_the_image_is_made_of_what_is_tracked_or_new_in_a_tracked_folder(checkou
         }
         file = tar.extractfile("product/changed")
         assert file is not None
-        assert file.read() == b"anew"
+        assert file.read() == b"changed"
         assert found["docker/context"].mode == 0o755
         assert found["product/old"].mode == 0o644
     status = subprocess.run(

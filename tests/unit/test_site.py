@@ -78,9 +78,9 @@ def test_a_page_has_the_same_paragraphs_in_both_dialects() -> None:
 
 def test_the_shim_is_the_published_one() -> None:
     folder: Path = THEME / "iframe-worker"
-    for name, said in json.loads((folder / "origin.json").read_text())["sha512"].items():
+    for name, text in json.loads((folder / "origin.json").read_text())["sha512"].items():
         digest = hashlib.sha512((folder / name).read_bytes()).digest()
-        assert base64.b64encode(digest).decode() == said, name
+        assert base64.b64encode(digest).decode() == text, name
 
 
 def test_the_recording_is_in_asciinemas_format_and_of_the_machine_that_the_readme_shows() -> None:

@@ -1,4 +1,4 @@
-"""Who may import whom."""
+"""The imports that each room may have."""
 
 import ast
 import re
@@ -189,7 +189,7 @@ ROOMS = (
     *("sealing", "sensing", "teleportation"),
 )
 AROUND = [f"applications/{name}" for name in ROOMS]
-# What carries out what protocols order; whatever else a service has is a protocol.
+# The performers of effects; all other modules of a service are protocols.
 CARRIERS = {
     "applications/conference/conference.py",
     "applications/ghz/connections.py",
@@ -207,7 +207,7 @@ CARRIERS = {
     f"{SERVICES}/distribution/delivery.py",
     f"{SERVICES}/superdense/superdense.py",
 }
-# What an end of a session says and makes of what it hears; others carry it.
+# Messages of an end of a session and its answers to messages; others carry them.
 PROTOCOLS = [
     *(
         ROOT / "hosts" / "middleware" / "session" / f"{name}.py"
@@ -262,8 +262,8 @@ def test_which_openflow_error_answers_what_stands_in_one_table() -> None:
 
 
 TIME = re.compile(r"(?!.*_PER_S$)[A-Z][A-Z0-9_]*_M?S")
-# Times that nothing waits for: ranges and parameters of what a user sets, physics, what is told to
-# others, and what is reckoned with.
+# Times that nothing waits for: ranges and parameters of a user's settings, physics, values in
+# messages, and constants of calculations.
 NOT_WAITS = {
     "controller_apps/policy/reading.py": {"SLOT_S"},
     "dispatcher/fiber/classical_light.py": {"PLANCK_J_S"},

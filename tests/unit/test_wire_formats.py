@@ -11,7 +11,7 @@ BEGINNINGS = {
     *("analyser counts", "memory counts", "gaps"),
     *("NetQASM, application", "NetQASM, subroutine", "NetQASM, text", "optical port statistics"),
 }
-# What is behind these is the next message, padding of Ethernet, or free text.
+# Behind these is the next message, padding of Ethernet, or free text.
 TAILS = {
     *("conference proposal", "LLDP", "segment", "segment, rewritten", "datagram", "machine"),
     *("line of an application", "pcapng", "pcap", "frame", "socket call", "NetQASM, text"),

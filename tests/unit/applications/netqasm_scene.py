@@ -65,8 +65,10 @@ def outputs(
             playing = {
                 role: pool.submit(play, role, main, ends[role]) for role, main in entries.items()
             }
-            told = {role: each.result(2 * SOON_S) for role, each in playing.items()}
-        return [dict(zip(told, each, strict=True)) for each in zip(*told.values(), strict=True)]
+            reports = {role: each.result(2 * SOON_S) for role, each in playing.items()}
+        return [
+            dict(zip(reports, each, strict=True)) for each in zip(*reports.values(), strict=True)
+        ]
 
     return performed(folder, perform, **physics)
 

@@ -58,11 +58,11 @@ def test_chsh_is_won_as_often_as_noise_lets(tmp_path: Path) -> None:
     rounds = 11
     paths = [(1, 4), (5, 2)]
     folder = EXAMPLES / "chsh"
-    told = outputs(tmp_path, folder, hosts, inputs, rounds, paths=paths, depolarizing=P)
+    results = outputs(tmp_path, folder, hosts, inputs, rounds, paths=paths, depolarizing=P)
     asked = [each for each in inputs for _ in range(rounds)]
     won = [
         (each["alice"]["a"] ^ each["bob"]["b"]) == (given["alice"]["x"] & given["bob"]["y"])
-        for given, each in zip(asked, told, strict=True)
+        for given, each in zip(asked, results, strict=True)
     ]
     close(won, 1 / 2 + W / (2 * sqrt(2)), 1 / 2 + 1 / (2 * sqrt(2)))
 
@@ -72,8 +72,8 @@ def test_bb84_finds_the_errors_that_noise_makes(tmp_path: Path) -> None:
     """(1 - W) / 2 of the bits along equal bases, which the program itself draws: without a seed."""
     hosts = {"alice": "alice", "bob": "bob"}
     inputs = [{role: {"num_bits": 60} for role in hosts}]
-    told = outputs(tmp_path, EXAMPLES / "bb84", hosts, inputs, rounds=2, depolarizing=P)
-    tables = [(each["alice"]["table"], each["bob"]["table"]) for each in told]
+    results = outputs(tmp_path, EXAMPLES / "bb84", hosts, inputs, rounds=2, depolarizing=P)
+    tables = [(each["alice"]["table"], each["bob"]["table"]) for each in results]
     both = [pair for alice, bob in tables for pair in zip(alice, bob, strict=True)]
     close([a[3] != b[3] for a, b in both if a[2]], (1 - W) / 2, 0, sigmas=5)
 
@@ -94,8 +94,8 @@ def test_a_distributed_cnot_flips_what_the_pair_has_wrong(tmp_path: Path) -> Non
         WERNER[name] * abs(state.conj() @ fault @ state) ** 2 for name, fault in faults.items()
     )
     folder = EXAMPLES / "dist_cnot"
-    told = outputs(tmp_path, folder, hosts, inputs, 25, state_inspection=True, depolarizing=P)
-    close([fidelity(each["controller"]["final_state"], state) for each in told], expected, 1)
+    results = outputs(tmp_path, folder, hosts, inputs, 25, state_inspection=True, depolarizing=P)
+    close([fidelity(each["controller"]["final_state"], state) for each in results], expected, 1)
 
 
 @pytest.mark.nightly
@@ -106,10 +106,10 @@ def test_the_magic_square_is_lost_where_a_pair_is_wrong(tmp_path: Path) -> None:
     weights = [[1, 2, 1], [2, 2, 2], [1, 2, 1]]  # XI XX IX, -XZ YY -ZX, IZ ZZ ZI
     inputs = [{"player1": {"row": row}, "player2": {"col": col}} for row, col in cells]
     folder, rounds = EXAMPLES / "magic_square", 3
-    told = outputs(tmp_path, folder, hosts, inputs, rounds, depolarizing=P)
+    results = outputs(tmp_path, folder, hosts, inputs, rounds, depolarizing=P)
     won = [
         each["player1"]["row"][col] == each["player2"]["col"][row]
-        for (row, col), each in zip([c for c in cells for _ in range(rounds)], told, strict=True)
+        for (row, col), each in zip([c for c in cells for _ in range(rounds)], results, strict=True)
     ]
     close(won, float(np.mean([(1 + W**w) / 2 for w in np.ravel(weights)])), 1)
 
@@ -119,8 +119,8 @@ def test_blind_grover_errs_by_both_of_its_pairs(tmp_path: Path) -> None:
     """Each of the two qubits is turned to its opposite in (1 - W) / 2."""
     secrets = {"r1": 1, "r2": 0, "theta1": 3 * pi / 4, "theta2": pi / 4}
     inputs = [{"client": {"b0": 1, "b1": 0, **secrets}}]
-    told = outputs(tmp_path, EXAMPLES / "blind_grover", TWO, inputs, 16, depolarizing=P)
-    found = [(each["client"]["result0"], each["client"]["result1"]) == (1, 0) for each in told]
+    results = outputs(tmp_path, EXAMPLES / "blind_grover", TWO, inputs, 16, depolarizing=P)
+    found = [(each["client"]["result0"], each["client"]["result1"]) == (1, 0) for each in results]
     close(found, ((1 + W) / 2) ** 2, 1)
 
 
@@ -130,12 +130,12 @@ def test_a_blind_rotation_is_as_wrong_as_its_cluster(tmp_path: Path) -> None:
     phi = [0.4, 1.9, 5.1]
     inputs = [{"client": {"phi": list(phi), "r": [0, 0, 0]}} for _ in range(18)]
     folder = EXAMPLES / "blind_rotation"
-    told = outputs(tmp_path, folder, TWO, inputs, state_inspection=True, depolarizing=P)
+    results = outputs(tmp_path, folder, TWO, inputs, state_inspection=True, depolarizing=P)
     assert abs(cluster_fidelity(phi, 1) - 1) < ANGLES**2
-    states = [aim(phi, each["client"]["s"], each["client"]["m"][3]) for each in told]
+    states = [aim(phi, each["client"]["s"], each["client"]["m"][3]) for each in results]
     found = [
         fidelity(each["server"]["output_state"], state)
-        for each, state in zip(told, states, strict=True)
+        for each, state in zip(results, states, strict=True)
     ]
     close(found, cluster_fidelity(phi, W), 1)
 

@@ -50,14 +50,16 @@ def test_teleport_brings_the_state_over(tmp_path: Path, left: dict[str, list[Any
     hosts = {"sender": "alice", "receiver": "bob"}
     angles = [(0.7, 1.1), (2.9, 2.2), (5.0, 0.4)]
     inputs = [{"sender": {"phi": phi, "theta": theta}} for phi, theta in angles]
-    told = outputs(tmp_path, EXAMPLES / "teleport", hosts, inputs, rounds=3, state_inspection=True)
-    for round_ in told:
+    results = outputs(
+        tmp_path, EXAMPLES / "teleport", hosts, inputs, rounds=3, state_inspection=True
+    )
+    for round_ in results:
         sent, done = round_["sender"], round_["receiver"]
         assert done == {
             "correction1": "Z" if sent["m1"] else "None",
             "correction2": "X" if sent["m2"] else "None",
         }
-    assert len({(each["sender"]["m1"], each["sender"]["m2"]) for each in told}) > 1
+    assert len({(each["sender"]["m1"], each["sender"]["m2"]) for each in results}) > 1
     states = [qubit(*each) for each in angles for _ in range(3)]
     for matrix, state in zip(left["receiver"], states, strict=True):
         assert fidelity(matrix, state) > 1 - ANGLES**2
@@ -69,11 +71,11 @@ def test_chsh_is_won_more_often_than_without_quantum(tmp_path: Path) -> None:
     hosts = {"alice": "alice", "bob": "bob", "repeater": "charlie"}
     inputs = [{"alice": {"x": x}, "bob": {"y": y}} for x, y in product((0, 1), repeat=2)]
     rounds = 7
-    told = outputs(tmp_path, EXAMPLES / "chsh", hosts, inputs, rounds, paths=[(1, 4), (5, 2)])
+    results = outputs(tmp_path, EXAMPLES / "chsh", hosts, inputs, rounds, paths=[(1, 4), (5, 2)])
     asked = [each for each in inputs for _ in range(rounds)]
     won = [
         (each["alice"]["a"] ^ each["bob"]["b"]) == (given["alice"]["x"] & given["bob"]["y"])
-        for given, each in zip(asked, told, strict=True)
+        for given, each in zip(asked, results, strict=True)
     ]
     expected = np.cos(pi / 8) ** 2
     bound = SIGMAS * sqrt(expected * (1 - expected) / len(won))
@@ -85,13 +87,13 @@ def test_chsh_is_won_more_often_than_without_quantum(tmp_path: Path) -> None:
 def test_bb84_agrees_wherever_the_bases_do(tmp_path: Path) -> None:
     hosts = {"alice": "alice", "bob": "bob"}
     inputs = [{role: {"num_bits": 24} for role in hosts}]
-    told = outputs(tmp_path, EXAMPLES / "bb84", hosts, inputs, rounds=3)
-    tables = [(each["alice"]["table"], each["bob"]["table"]) for each in told]
+    results = outputs(tmp_path, EXAMPLES / "bb84", hosts, inputs, rounds=3)
+    tables = [(each["alice"]["table"], each["bob"]["table"]) for each in results]
     both = [pair for alice, bob in tables for pair in zip(alice, bob, strict=True)]
     same = [(ours, theirs) for ours, theirs in both if ours[2]]
     assert len(same) > 12  # of 72, each by chance: at most 12 come once in 10^8 times
     assert all(ours[3] == theirs[3] for ours, theirs in same)
-    assert {each["alice"]["qber"] for each in told} == {0}
+    assert {each["alice"]["qber"] for each in results} == {0}
 
 
 def test_a_distributed_cnot_is_one(tmp_path: Path) -> None:
@@ -101,8 +103,10 @@ def test_a_distributed_cnot_is_one(tmp_path: Path) -> None:
     inputs = [{role: {"phi": phi, "theta": theta} for role, (phi, theta) in angles.items()}]
     cnot = np.eye(4)[[0, 1, 3, 2]]
     state = cnot @ np.kron(*(qubit(*each) for each in angles.values()))
-    told = outputs(tmp_path, EXAMPLES / "dist_cnot", hosts, inputs, rounds=6, state_inspection=True)
-    for each in told:
+    results = outputs(
+        tmp_path, EXAMPLES / "dist_cnot", hosts, inputs, rounds=6, state_inspection=True
+    )
+    for each in results:
         assert fidelity(each["controller"]["final_state"], state) > 1 - ANGLES**2
 
 
@@ -110,8 +114,8 @@ def test_the_magic_square_is_always_won(tmp_path: Path) -> None:
     hosts = {"player1": "alice", "player2": "bob"}
     cells = list(product(range(3), repeat=2))
     inputs = [{"player1": {"row": row}, "player2": {"col": col}} for row, col in cells]
-    told = outputs(tmp_path, EXAMPLES / "magic_square", hosts, inputs)
-    for (row, col), each in zip(cells, told, strict=True):
+    results = outputs(tmp_path, EXAMPLES / "magic_square", hosts, inputs)
+    for (row, col), each in zip(cells, results, strict=True):
         across, down = each["player1"]["row"], each["player2"]["col"]
         assert sum(across) % 2 == 0
         assert sum(down) % 2 == 1
@@ -123,8 +127,8 @@ def test_blind_grover_finds_what_the_client_has_hidden(tmp_path: Path) -> None:
     secrets = {"r1": 1, "r2": 0, "theta1": 3 * pi / 4, "theta2": pi / 4}
     tags = list(product((0, 1), repeat=2))
     inputs = [{"client": {"b0": b0, "b1": b1, **secrets}} for b0, b1 in tags]
-    told = outputs(tmp_path, EXAMPLES / "blind_grover", TWO, inputs)
-    found = [(each["client"]["result0"], each["client"]["result1"]) for each in told]
+    results = outputs(tmp_path, EXAMPLES / "blind_grover", TWO, inputs)
+    found = [(each["client"]["result0"], each["client"]["result1"]) for each in results]
     assert found == tags
 
 
@@ -136,8 +140,8 @@ def test_a_blind_rotation_is_what_the_client_asked_for(tmp_path: Path) -> None:
         "r": [0, 1, 1],
     }
     inputs = [{"client": {name: list(value) for name, value in asked.items()}} for _ in range(3)]
-    told = outputs(tmp_path, EXAMPLES / "blind_rotation", TWO, inputs, state_inspection=True)
-    for each in told:
+    results = outputs(tmp_path, EXAMPLES / "blind_rotation", TWO, inputs, state_inspection=True)
+    for each in results:
         client = each["client"]
         state = PLUS
         for phi in asked["phi"]:
@@ -160,11 +164,11 @@ def test_pairs_kept_one_after_the_other_agree(
 
 def differing(printed: str) -> tuple[int, int]:
     """Return of how many pairs the two outcomes differ, and how many there were."""
-    told: dict[str, list[int]] = {"Client": [], "Server": []}
+    reports: dict[str, list[int]] = {"Client": [], "Server": []}
     for line in printed.splitlines():
         role, _, outcome = line.partition(": ")
-        told[role].append(int(outcome))
-    ours, theirs = (np.array(each) for each in told.values())
+        reports[role].append(int(outcome))
+    ours, theirs = (np.array(each) for each in reports.values())
     return int(np.count_nonzero(ours != theirs)), ours.size
 
 
@@ -193,9 +197,9 @@ def test_a_single_node_measures_what_it_has_prepared(
 ) -> None:
     """Of cos |00> + sin |11>, and a Hadamard gate on the first: 0 and 1 there by chance."""
     inputs = [{"alice": {"theta": theta}}]
-    told = outputs(tmp_path, EXAMPLES / "single_node", {"alice": "alice"}, inputs, 20)
-    assert {each["alice"]["m1"] for each in told} == {0, 1}
-    assert {each["alice"]["m2"] for each in told} == found
+    results = outputs(tmp_path, EXAMPLES / "single_node", {"alice": "alice"}, inputs, 20)
+    assert {each["alice"]["m1"] for each in results} == {0, 1}
+    assert {each["alice"]["m2"] for each in results} == found
 
 
 def test_nobody_looks_where_it_is_not_allowed(tmp_path: Path) -> None:
@@ -212,6 +216,6 @@ def test_the_program_beside_that_of_squidasm_measures_equal_halves(tmp_path: Pat
     (tmp_path / "pair").mkdir()
     (tmp_path / "pair" / "app_alice.py").write_text(alice)
     (tmp_path / "pair" / "app_bob.py").write_text(bob.replace("create_keep", "recv_keep"))
-    told = outputs(tmp_path, tmp_path / "pair", {"alice": "alice", "bob": "bob"}, rounds=10)
-    assert all(each["alice"] == each["bob"] for each in told)
-    assert {each["alice"]["outcome"] for each in told} == {0, 1}
+    results = outputs(tmp_path, tmp_path / "pair", {"alice": "alice", "bob": "bob"}, rounds=10)
+    assert all(each["alice"] == each["bob"] for each in results)
+    assert {each["alice"]["outcome"] for each in results} == {0, 1}

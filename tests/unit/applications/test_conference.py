@@ -175,19 +175,19 @@ def test_what_states_are_for_is_not_said_before_all_have_proved_that_they_hold_t
     tmp_path: Path,
 ) -> None:
     """An eavesdropper could measure charlie's photons of the key in Z, and pass on the others."""
-    said = set[int]()
+    texts = set[int]()
     without_receipt = altered(Topic.RECEIPT, "back")
 
     def change(direction: str, message: Message) -> Message:
         if isinstance(message, Values):
-            said.add(message.topic)
+            texts.add(message.topic)
         changed = without_receipt(direction, message)
         assert isinstance(changed, Message)
         return changed
 
     refused(tmp_path, physics={"change": change})
-    assert Topic.RECEIPT in said
-    assert Topic.BASES not in said
+    assert Topic.RECEIPT in texts
+    assert Topic.BASES not in texts
 
 
 def test_who_measures_and_resends_is_found(tmp_path: Path) -> None:

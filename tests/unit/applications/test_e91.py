@@ -80,22 +80,22 @@ def spied(folder: Path, fraction: float, **options: Any) -> list[dict[str, Any]]
 
 
 def test_who_measures_a_fifth_lowers_s_by_a_tenth(tmp_path: Path) -> None:
-    told = spied(tmp_path, 0.2)
-    assert not isinstance(told, str)
+    figures = spied(tmp_path, 0.2)
+    assert not isinstance(figures, str)
     s = 2 * sqrt(2) * 0.9
-    for end in told:
+    for end in figures:
         assert abs(end["chsh"] - s) < 5 * error(s, end["chsh_pairs"])
         assert abs(end["qber"] - 0.05) < 5 * sqrt(0.05 / end["disclosed_bits"])
 
 
 def test_an_s_within_the_margin_gives_no_key_though_the_error_rate_would(tmp_path: Path) -> None:
-    told = spied(tmp_path, 0.2, chsh_margin=0.75)
-    assert isinstance(told, str)
-    assert "must be above 2.7500: noise, an eavesdropper" in told
+    figures = spied(tmp_path, 0.2, chsh_margin=0.75)
+    assert isinstance(figures, str)
+    assert "must be above 2.7500: noise, an eavesdropper" in figures
 
 
 def test_who_measures_everything_leaves_what_local_variables_explain(tmp_path: Path) -> None:
-    told = spied(tmp_path, 1.0)
-    assert isinstance(told, str)
-    s = float(told.split("S is ")[1].split()[0])
+    figures = spied(tmp_path, 1.0)
+    assert isinstance(figures, str)
+    s = float(figures.split("S is ")[1].split()[0])
     assert abs(s - sqrt(2)) < 5 * error(sqrt(2), 10_000)

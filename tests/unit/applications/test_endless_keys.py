@@ -24,7 +24,7 @@ LOSS = {"bb84": 650.0, "bbm92": 325.0}  # 1 of 20 pulses is seen over fibres of 
 ENDS = "alice", "bob"
 KEY_BITS = 20_000  # sifted; some 14,000 are left of them without an error
 
-Told = dict[str, Any]
+Summary = dict[str, Any]
 
 protocols = pytest.mark.parametrize("protocol", list(PATHS))
 
@@ -32,24 +32,24 @@ protocols = pytest.mark.parametrize("protocol", list(PATHS))
 def keys_made(
     folder: Path,
     protocol: str,
-    heard: Callable[[Told], None],
+    heard: Callable[[Summary], None],
     physics: dict[str, Any] | None = None,
     **options: Any,
-) -> list[Told]:
+) -> list[Summary]:
     """Make keys; `heard` is called with each line, while the session goes on. Return summaries."""
 
-    def session() -> list[Told]:
+    def session() -> list[Summary]:
         with ThreadPoolExecutor(1) as pool, ServiceSocket(folder / "alice.sock") as asking:
             listening: Future[None] = Future()
             bob = pool.submit(accepted, folder, protocol, listening)
             listening.result(SOON_S)
             asking.settimeout(SOON_S)
-            for told in asking.request(protocol, ("bob", 9), **options):
-                heard(told)
+            for report in asking.request(protocol, ("bob", 9), **options):
+                heard(report)
             asking.shutdown()
             return [asking.summary, bob.result(SOON_S)]
 
-    async def run() -> list[Told]:
+    async def run() -> list[Summary]:
         asyncio.get_running_loop().set_task_factory(remembered)
         async with network(folder, paths=PATHS[protocol], **(physics or {})):
             return await asyncio.to_thread(session)
@@ -57,7 +57,7 @@ def keys_made(
     return network_loop.run(run())
 
 
-def ignore(_told: Told) -> None:
+def ignore(_summary: Summary) -> None:
     """Do nothing."""
 
 
@@ -86,7 +86,7 @@ def test_what_light_has_brought_is_held_no_longer_than_it_is_needed(
     held = list[int]()
     TASKS.clear()
 
-    def heard(_told: Told) -> None:
+    def heard(_summary: Summary) -> None:
         held.append(results_of_light())
 
     words: dict[str, Any] = {"sifted_per_key": 8000, "block_pairs": 65_536, "count": 4 * 8000}
@@ -98,10 +98,10 @@ def test_what_light_has_brought_is_held_no_longer_than_it_is_needed(
 def test_a_session_lasts_for_the_seconds_that_are_asked_for(tmp_path: Path) -> None:
     """No key is begun later, and none is cut short."""
     words: dict[str, Any] = {"seconds": 1.5, "sifted_per_key": KEY_BITS, "block_pairs": 8192}
-    for told in keys_made(tmp_path, "bb84", ignore, **words):
-        assert told["elapsed_s"] >= 1.5
-        assert told["keys"] > 0
-        assert told["sifted_bits"] >= KEY_BITS
+    for report in keys_made(tmp_path, "bb84", ignore, **words):
+        assert report["elapsed_s"] >= 1.5
+        assert report["keys"] > 0
+        assert report["sifted_bits"] >= KEY_BITS
 
 
 def test_a_session_goes_on_for_as_long_as_keys_are_taken_from_a_full_store(

@@ -53,7 +53,7 @@ CHANNEL = "/wavelength-router/media-channels/channel[index=77]"
 
 
 def seen(photons: int = 1_000_000, standing: bool = True, **readings: Any) -> list[Leaf]:
-    """Return what is told of a switch of two fibres, the second of which is cut."""
+    """Return the report on a switch with two fibres, the second of which is cut."""
     ports = {1: PortReading(photons_in=photons, photons_out=5, photons_lost=3)}
     circuits = {77: CircuitReading(photons - 3, 0, 0)}
     return leaves(
@@ -127,17 +127,17 @@ def values(answer: Any) -> dict[str, Any]:
 
 def test_a_stock_client_reads_power_loss_photons_and_temperature(served: Served) -> None:
     with served.client() as client:
-        told = values(client.get(path=["/"], encoding="json"))
-    assert told[POWER] == -7.3
-    assert told[BIAS] == 30.5
-    assert (told[PHOTONS], told[DISCARDS], told[HEAT]) == (1_000_000, 3, 25.5)
-    assert told[f"{CHANNEL}/state/qmn-light:insertion-loss"] == 1.25
-    assert told[f"{CHANNEL}/state/qmn-light:photons"] == 999_997
-    assert told[f"{CHANNEL}/source/state/port-name"] == "q1-eth1"
-    assert told[f"{CHANNEL}/dest/state/port-name"] == "q1-eth2"
-    assert told["/interfaces/interface[name=q1-eth2]/state/oper-status"] == "DOWN"
+        reports = values(client.get(path=["/"], encoding="json"))
+    assert reports[POWER] == -7.3
+    assert reports[BIAS] == 30.5
+    assert (reports[PHOTONS], reports[DISCARDS], reports[HEAT]) == (1_000_000, 3, 25.5)
+    assert reports[f"{CHANNEL}/state/qmn-light:insertion-loss"] == 1.25
+    assert reports[f"{CHANNEL}/state/qmn-light:photons"] == 999_997
+    assert reports[f"{CHANNEL}/source/state/port-name"] == "q1-eth1"
+    assert reports[f"{CHANNEL}/dest/state/port-name"] == "q1-eth2"
+    assert reports["/interfaces/interface[name=q1-eth2]/state/oper-status"] == "DOWN"
     # From a cut fibre no light comes: no value rather than a wrong one.
-    assert POWER.replace("eth1", "eth2") not in told
+    assert POWER.replace("eth1", "eth2") not in reports
 
 
 def test_what_is_read_in_stepped_time_is_of_its_instant() -> None:
@@ -151,8 +151,8 @@ def test_what_is_read_in_stepped_time_is_of_its_instant() -> None:
 
 def test_json_of_the_ietf_writes_large_numbers_and_fractions_as_strings(served: Served) -> None:
     with served.client() as client:
-        told = values(client.get(path=[PHOTONS, POWER], encoding="json_ietf"))
-        assert told == {PHOTONS: "1000000", POWER: "-7.300"}  # RFC 7951, 6.1
+        reports = values(client.get(path=[PHOTONS, POWER], encoding="json_ietf"))
+        assert reports == {PHOTONS: "1000000", POWER: "-7.300"}  # RFC 7951, 6.1
         index = f"{CHANNEL}/state/index"
         assert values(client.get(path=[index], encoding="json_ietf")) == {index: 77}
         assert values(client.get(path=[PHOTONS], encoding="proto")) == {PHOTONS: 1_000_000}
@@ -176,9 +176,9 @@ def test_paths_find_what_their_wildcards_say(path: str, count: int) -> None:
 
 
 def test_what_is_not_measured_is_absent() -> None:
-    told = {leaf.path[-1].name for leaf in seen(not_measured=frozenset({Quantity.PHOTONS}))}
-    assert not told & {"in-pkts", "out-pkts", "in-discards", "qmn-light:photons"}
-    assert "instant" in told
+    reports = {leaf.path[-1].name for leaf in seen(not_measured=frozenset({Quantity.PHOTONS}))}
+    assert not reports & {"in-pkts", "out-pkts", "in-discards", "qmn-light:photons"}
+    assert "instant" in reports
 
 
 def test_what_cannot_be_answered_is_refused_by_its_name(served: Served) -> None:
@@ -202,16 +202,16 @@ def test_what_cannot_be_answered_is_refused_by_its_name(served: Served) -> None:
 
 def test_capabilities_name_models_and_encodings(served: Served) -> None:
     with served.client() as client:
-        told = client.capabilities()
-    assert {"json", "json_ietf", "proto"} == set(told["supported_encodings"])
-    models = {model["name"]: model for model in told["supported_models"]}
+        report = client.capabilities()
+    assert {"json", "json_ietf", "proto"} == set(report["supported_encodings"])
+    models = {model["name"]: model for model in report["supported_models"]}
     assert "openconfig-platform" in models
     assert all(model["organization"] and model["version"] for model in models.values())
     module = (Path(applications.telemetry.__file__).parent / "qmn-light.yang").read_text()
     own = models["qmn-light"]
     assert f'organization "{own["organization"]}";' in module
     assert re.findall(r"revision ([0-9-]+) ", module)[0] == own["version"]  # the newest is first
-    assert told["gnmi_version"] == "0.8.0"
+    assert report["gnmi_version"] == "0.8.0"
 
 
 CHANGES = {"mode": "on_change"}
@@ -237,33 +237,36 @@ def subscribed(client: Any, kind: str, *paths: str, **more: Any) -> Iterator[Any
 
 def test_a_subscription_once_tells_everything_and_ends(served: Served) -> None:
     with served.client() as client, subscribed(client, "once", PHOTONS) as responses:
-        told = list(responses)
-    assert [each.WhichOneof("response") for each in told] == ["update", "sync_response"]
-    assert told[0].update.update[0].val.json_val == b"1000000"
+        reports = list(responses)
+    assert [each.WhichOneof("response") for each in reports] == ["update", "sync_response"]
+    assert reports[0].update.update[0].val.json_val == b"1000000"
 
 
 def test_a_stream_tells_changes_and_what_is_gone(served: Served) -> None:
     counters = PHOTONS.rpartition("/")[0]  # of which lost ones and those that leave stay
     asked = "stream", counters, CHANNEL
-    with served.client() as client, subscribed(client, *asked, **CHANGES) as told:
-        first = [next(told) for _ in range(3)]
+    with served.client() as client, subscribed(client, *asked, **CHANGES) as reports:
+        first = [next(reports) for _ in range(3)]
         assert [each.WhichOneof("response") for each in first][-1] == "sync_response"
         served.seen = seen(2_000_000, standing=False)
-        changed, gone = next(told).update, next(told).update
+        changed, gone = next(reports).update, next(reports).update
         assert [each.val.json_val for each in changed.update] == [b"2000000"]
         assert list(gone.update) == []
         assert len(gone.delete) == 7
 
 
 def test_a_stream_of_samples_tells_what_has_not_changed_too(served: Served) -> None:
-    with served.client() as client, subscribed(client, "stream", PHOTONS, **SAMPLES) as told:
-        kinds = [next(told).WhichOneof("response") for _ in range(4)]
+    with served.client() as client, subscribed(client, "stream", PHOTONS, **SAMPLES) as reports:
+        kinds = [next(reports).WhichOneof("response") for _ in range(4)]
     assert kinds == ["update", "sync_response", "update", "update"]
 
 
 def test_samples_that_are_too_frequent_are_refused(served: Served) -> None:
-    with served.client() as client, subscribed(client, "stream", PHOTONS, **TOO_FREQUENT) as told:
-        text = refusal(told)
+    with (
+        served.client() as client,
+        subscribed(client, "stream", PHOTONS, **TOO_FREQUENT) as reports,
+    ):
+        text = refusal(reports)
     assert "sample_interval 0.001 s: at least 0.1 s" in text
 
 
@@ -275,9 +278,9 @@ def test_a_subscription_by_polls_tells_all_at_each_and_takes_nothing_else(served
     )
     first, poll = gnmi.SubscribeRequest(subscribe=asked), gnmi.SubscribeRequest(poll=gnmi.Poll())
     with grpc.insecure_channel(f"127.0.0.1:{served.port}") as channel:
-        told = gNMIStub(channel).Subscribe(iter([first, poll, poll, first]), timeout=SOON_S)
-        kinds = [next(told).WhichOneof("response") for _ in range(4)]
-        assert "a subscription by polls has polls alone" in refusal(told)
+        report = gNMIStub(channel).Subscribe(iter([first, poll, poll, first]), timeout=SOON_S)
+        kinds = [next(report).WhichOneof("response") for _ in range(4)]
+        assert "a subscription by polls has polls alone" in refusal(report)
     assert kinds == 2 * ["update", "sync_response"]
 
 
@@ -292,8 +295,8 @@ def test_no_more_streams_than_there_may_be_are_open_at_a_time(served: Served) ->
     with served.client() as client, ExitStack() as opened:
         for _ in range(MAX_STREAMS):
             next(opened.enter_context(subscribed(client, "stream", PHOTONS, **CHANGES)))
-        with subscribed(client, "once", PHOTONS) as told:
-            assert f"{MAX_STREAMS} subscriptions are open" in refusal(told)
+        with subscribed(client, "once", PHOTONS) as reports:
+            assert f"{MAX_STREAMS} subscriptions are open" in refusal(reports)
 
 
 @pytest.mark.parametrize("end", ["done", "refused", "failed", "cancelled"])
@@ -304,8 +307,8 @@ def test_33_subscriptions_one_after_the_other_are_served(served: Served, end: st
     more: dict[str, Any] = TOO_FREQUENT if end == "refused" else CHANGES
     with served.client() as client:
         for _ in range(MAX_STREAMS + 1):
-            with subscribed(client, kind, PHOTONS, **more) as told:
+            with subscribed(client, kind, PHOTONS, **more) as reports:
                 if end in ("refused", "failed"):
-                    assert "open" not in refusal(told)
+                    assert "open" not in refusal(reports)
                 else:
-                    assert next(told).update.update
+                    assert next(reports).update.update

@@ -289,13 +289,13 @@ def test_a_witness_knows_graph_states_of_stim(
 ) -> None:
     """Fidelity 1; with Z at one host the state is orthogonal, and one colour is never right."""
     graph = Graph(hosts, edges)
-    told, states = witness(graph), 2000
-    bases = told.bases(np.random.default_rng(3), states)
+    report, states = witness(graph), 2000
+    bases = report.bases(np.random.default_rng(3), states)
     outcomes = np.array([measured(graph, own, flipped) for own in bases.T], dtype=np.uint8).T
-    told.add(bases, outcomes)
-    summary = told.summary()
-    assert told.states == states
-    if isinstance(told, Colours):
+    report.add(bases, outcomes)
+    summary = report.summary()
+    assert report.states == states
+    if isinstance(report, Colours):
         assert sorted(summary["passed"])[0] == 1 - flipped
         assert summary["fidelity_at_least"] == pytest.approx(1 - flipped)
     else:

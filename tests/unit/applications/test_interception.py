@@ -50,10 +50,10 @@ def intercepted(folder: Path, protocol: str, fraction: float, **options: Any) ->
         with ServiceSocket(folder / "eve.sock") as eve:
             eve.settimeout(SOON_S)
             blocks = eve.intercept(fraction)
-            told = requested(folder, protocol, **options)
+            report = requested(folder, protocol, **options)
             eve.shutdown()
             assert list(blocks) == []  # shutdown has read them
-        return *told, eve.summary
+        return *report, eve.summary
 
     async def run() -> Any:
         async with network(folder, paths=BY_EVE[protocol]):
@@ -91,14 +91,14 @@ def test_either_basis_has_a_quarter_of_the_fraction_in_errors(
     intercepted(tmp_path, protocol, 0.2, count=20_000, test_fraction=0.5)
     assert len(hers) == len(his) > 0
     for basis in (0, 1):  # Z, X
-        wrong = told = 0
+        wrong = count = 0
         for mine, yours in zip(hers, his, strict=True):
             own, other = mine.of(yours.clicked), yours.of(yours.clicked)
             same = (own.bases == basis) & (other.bases == basis) & (own.outcomes != NO_CLICK)
-            told += int(np.count_nonzero(same))
+            count += int(np.count_nonzero(same))
             wrong += int(np.count_nonzero(own.outcomes[same] != other.outcomes[same]))
-        assert told > 5_000
-        assert abs(wrong - told * 0.2 / 4) <= 5 * sqrt(told * 0.05 * 0.95), basis
+        assert count > 5_000
+        assert abs(wrong - count * 0.2 / 4) <= 5 * sqrt(count * 0.05 * 0.95), basis
 
 
 def blocks_of(end: type[Alice] | type[Bob], monkeypatch: pytest.MonkeyPatch) -> list[Any]:
@@ -138,13 +138,13 @@ def test_who_measures_everything_leaves_no_key_at_either_end(tmp_path: Path, pro
 
     async def run() -> tuple[str, str]:
         async with network(tmp_path, paths=BY_EVE[protocol]):
-            told = await asyncio.to_thread(asked)
+            report = await asyncio.to_thread(asked)
             assert await live_qubits(tmp_path) == 0
-            return told
+            return report
 
-    for told in network_loop.run(run()):
-        found = re.search(r"no key: (\d+) of (\d+) test bits are wrong", told)
-        assert found, told
+    for report in network_loop.run(run()):
+        found = re.search(r"no key: (\d+) of (\d+) test bits are wrong", report)
+        assert found, report
         wrong, tested = map(int, found.groups())
         assert abs(wrong - tested / 4) <= 5 * sqrt(tested * 3 / 16)
     assert keys(tmp_path) == []
@@ -182,8 +182,8 @@ def test_the_application_tells_what_was_seen_when_it_is_told_to_end(tmp_path: Pa
                 alice, _bob = requested(tmp_path, "bb84", count=20_000)
             finally:
                 eve.send_signal(signal.SIGTERM)
-            said, _ = eve.communicate(timeout=SOON_S)
-        return [begun, *map(json.loads, said.splitlines())], alice, eve.returncode
+            text, _ = eve.communicate(timeout=SOON_S)
+        return [begun, *map(json.loads, text.splitlines())], alice, eve.returncode
 
     async def run() -> tuple[list[dict[str, Any]], dict[str, Any], int]:
         async with network(tmp_path, paths=BY_EVE["bb84"]):

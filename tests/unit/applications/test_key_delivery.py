@@ -36,7 +36,7 @@ class Managers:
 
     def __init__(self, folder: Path) -> None:
         folder.chmod(0o700)
-        self.told: list[tuple[str, Assignment]] = []
+        self.reports: list[tuple[str, Assignment]] = []
         self.silent = False
         self.of = {host: self._manager(folder, host) for host in HOSTS}
         for one in HOSTS:
@@ -56,7 +56,7 @@ class Managers:
             if self.silent:
                 raise unavailable("nobody answers")
             heard = Assignment.decode(assignment.encode())
-            self.told.append((to, heard))
+            self.reports.append((to, heard))
             await self.of[to].accept(manager_name(host), heard)
 
         config = KeyManagerConfig(
@@ -102,7 +102,9 @@ def test_master_and_slave_get_the_same_keys(tmp_path: Path, number: int, size: i
         assert managers.of["bob"].stores["alice"].theirs == left
         assert (await managers.of["bob"].status("b", "a")).stored_key_count == STORED
         # No key went by the network where both ends have stored it.
-        assert [key.masked for _to, told in managers.told for key in told.keys] == [b""] * number
+        assert [key.masked for _to, report in managers.reports for key in report.keys] == [
+            b""
+        ] * number
 
     play(tmp_path, scene)
 
@@ -153,7 +155,9 @@ def test_slaves_of_several_hosts_get_the_same_keys(tmp_path: Path) -> None:
         keys = await managers.of["alice"].get_keys("a", "b", request)
         for slave, host in (("b", "bob"), ("b2", "bob"), ("c", "carol"), ("a2", "alice")):
             assert managers.of[host].fetch(slave, "a", ids(keys)) == keys
-        masked = [key.masked for to, told in managers.told if to == "carol" for key in told.keys]
+        masked = [
+            key.masked for to, report in managers.reports if to == "carol" for key in report.keys
+        ]
         assert len(masked) == 2
         assert not {key.key for key in keys} & set(masked)
         assert managers.of["carol"].stores["alice"].theirs == STORED - 4
@@ -165,7 +169,7 @@ def test_applications_of_one_host_share_keys_without_light(tmp_path: Path) -> No
     async def scene(managers: Managers) -> None:
         keys = await managers.of["alice"].get_keys("a", "a2", KeyRequest(2, 128))
         assert managers.of["alice"].fetch("a2", "a", ids(keys)) == keys
-        assert managers.told == []
+        assert managers.reports == []
         assert managers.of["alice"].stores["bob"].mine == STORED
 
     play(tmp_path, scene)

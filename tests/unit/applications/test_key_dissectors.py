@@ -225,7 +225,7 @@ VALUES: list[tuple[int, list[int]]] = [
 
 
 def packed(width: int, numbers: list[int]) -> bytes:
-    """Return a message of numbers that have so many bits each."""
+    """Return a message of numbers of this width in bits."""
     bits = "".join(f"{number:0{width}b}" for number in numbers)
     bits += "0" * (-len(bits) % 8)
     data = bytes(int(bits[start : start + 8], 2) for start in range(0, len(bits), 8))

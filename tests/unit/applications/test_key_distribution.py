@@ -69,7 +69,7 @@ class Failed:
 
     alice: str
     bob: str
-    told: list[dict[str, Any]]  # to alice's application
+    reports: list[dict[str, Any]]  # to alice's application
     live_qubits: int
 
 
@@ -89,12 +89,12 @@ def failure(
             bob = pool.submit(accepted, folder, protocol, listening)
             listening.result(SOON_S)
             asking.settimeout(SOON_S)
-            told: list[dict[str, Any]] = []
+            reports: list[dict[str, Any]] = []
             with pytest.raises(QuantumSocketError) as caught:
-                told.extend(asking.request(protocol, ("bob", 9), **{"count": COUNT, **options}))
+                reports.extend(asking.request(protocol, ("bob", 9), **{"count": COUNT, **options}))
             with pytest.raises(QuantumSocketError) as theirs:
                 bob.result(SOON_S)
-        return Failed(str(caught.value), str(theirs.value), told, 0)
+        return Failed(str(caught.value), str(theirs.value), reports, 0)
 
     async def run() -> Failed:
         words = {"paths": PATHS[protocol], **(physics or {})}
@@ -211,7 +211,7 @@ def test_a_rotation_that_is_not_undone_turns_the_outcomes_of_one_basis_or_of_bot
 ) -> None:
     optics = [PathOptics(*PATHS[protocol][-1], rotation=rotation)]
     failed = failure(tmp_path, protocol, physics={"optics": optics})
-    assert failed.told[-1]["qber"] == pytest.approx(wrong, abs=0.05)
+    assert failed.reports[-1]["qber"] == pytest.approx(wrong, abs=0.05)
 
 
 @protocols
@@ -220,7 +220,7 @@ def test_above_the_threshold_nothing_is_delivered(tmp_path: Path, protocol: str)
     for text in (failed.alice, failed.bob):
         assert "no key" in text
         assert "at most 0.1000 is allowed: noise or an eavesdropper" in text
-    measured = failed.told[-1]
+    measured = failed.reports[-1]
     assert f"(QBER {measured['qber']:.4f})" in failed.alice
     assert (measured["keys"], measured["key_bits"]) == (0, 0)
     assert measured["sifted_bits"] >= COUNT
@@ -408,8 +408,8 @@ def test_weak_pulses_are_detected_as_often_as_they_have_photons(tmp_path: Path) 
     single = 1 - pulses * several / 2 / alice["sifted_bits"]
     assert alice["single_photon_fraction"] == pytest.approx(single)
     kept = alice["sifted_bits"] - alice["disclosed_bits"]
-    told = alice["leaked_bits"] + 128  # and the hash
-    assert alice["key_bits"] == int(kept * single - told)
+    report = alice["leaked_bits"] + 128  # and the hash
+    assert alice["key_bits"] == int(kept * single - report)
     assert "several photons" in alice["assumed"]
 
 

@@ -17,13 +17,13 @@ def test_times_of_another_machine_are_by_this_ones_clock(tmp_path: Path) -> None
     programs = {host: Program(host, tmp_path / f"{host}.log") for host in ("alice", "bob")}
     for program in programs.values():
         program.log.touch()
-    told: list[AnyMoment] = []
-    moments = TimeSeries(programs, NetworkTime(2.0, time.time_ns()), told.append, {"bob": 100.0})
+    reports: list[AnyMoment] = []
+    moments = TimeSeries(programs, NetworkTime(2.0, time.time_ns()), reports.append, {"bob": 100.0})
     now = time.time()
-    said = {"alice": [now + 2, now + 6], "bob": [now + 104]}
-    for host, times in said.items():
+    texts = {"alice": [now + 2, now + 6], "bob": [now + 104]}
+    for host, times in texts.items():
         lines = [json.dumps({"event": "tunnel_opened", "at": at}) for at in times]
         programs[host].log.write_text("\n".join(lines) + "\n")
     moments.gather()
-    assert [each.host for each in told] == ["alice", "bob", "alice"]
-    assert [each.at for each in told] == pytest.approx([1, 2, 3], abs=0.1)
+    assert [each.host for each in reports] == ["alice", "bob", "alice"]
+    assert [each.at for each in reports] == pytest.approx([1, 2, 3], abs=0.1)

@@ -52,9 +52,9 @@ def test_what_kept_a_file_is_why_the_last_session_failed_or_the_closed_tunnel() 
 
 
 def test_rows_are_drawn_for_what_there_was() -> None:
-    said = re.findall(r">([^<>]+)</text>", key_timeline(STORY))
-    assert {"QBER", "tunnel, keys", "file (MB)", "alice", "bob", "time (s)"} <= set(said)
+    lines = re.findall(r">([^<>]+)</text>", key_timeline(STORY))
+    assert {"QBER", "tunnel, keys", "file (MB)", "alice", "bob", "time (s)"} <= set(lines)
     sessions_alone = [each for each in STORY if isinstance(each, SessionMoment)]
-    said = re.findall(r">([^<>]+)</text>", key_timeline(sessions_alone))
-    assert "QBER" in said
-    assert "file (MB)" not in said
+    lines = re.findall(r">([^<>]+)</text>", key_timeline(sessions_alone))
+    assert "QBER" in lines
+    assert "file (MB)" not in lines

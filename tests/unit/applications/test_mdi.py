@@ -82,18 +82,18 @@ class Liar:
     def __call__(self, way: str, message: Message) -> Message:
         if not isinstance(message, Values) or way != "back":
             return message
-        told = numbers_of(message)
+        reports = numbers_of(message)
         if self._kind == "invented" and message.topic == Topic.ARRIVED:
-            self._known = told.astype(bool)
-            told = np.where(self._random.random(told.size) < 0.5, 1, told)
-            self._said = told.astype(bool)
+            self._known = reports.astype(bool)
+            reports = np.where(self._random.random(reports.size) < 0.5, 1, reports)
+            self._said = reports.astype(bool)
         elif self._kind == "invented":
             states = self._random.choice(np.array(PSI, np.uint32), self._said.size)
-            states[self._known] = told
-            told = states[self._said]
+            states[self._known] = reports
+            reports = states[self._said]
         elif message.topic == Topic.OUTCOMES:
-            told = told ^ np.uint32(2)
-        return values(message.session, message.topic, message.block, told, message.width)
+            reports = reports ^ np.uint32(2)
+        return values(message.session, message.topic, message.block, reports, message.width)
 
 
 @pytest.mark.parametrize(("kind", "qber"), [("swapped", 1 / 2), ("invented", 1 / 4)])
@@ -105,8 +105,8 @@ def test_a_relay_that_lies_causes_errors_and_no_key(tmp_path: Path, kind: str, q
     """
     with pytest.raises(QuantumSocketError, match="noise or an eavesdropper") as refused:
         mdi(tmp_path, physics={"change": Liar(kind)})
-    told = float(str(refused.value).split("QBER ")[1].split(")")[0])
-    assert abs(told - qber) < 5 * sqrt(qber * (1 - qber) / 2000)
+    value = float(str(refused.value).split("QBER ")[1].split(")")[0])
+    assert abs(value - qber) < 5 * sqrt(qber * (1 - qber) / 2000)
 
 
 def test_who_measures_on_the_way_to_the_relay_is_seen(tmp_path: Path) -> None:

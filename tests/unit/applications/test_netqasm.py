@@ -136,10 +136,10 @@ def test_a_subroutine_is_read_and_told_as_people_write_it() -> None:
     data = bytes(parse_text_subroutine(TEXT))
     read = decode_subroutine(data)
     assert read.application == 7
-    told = [str(instruction) for instruction in read.instructions]
-    assert "set R3 -5" in told
-    assert "rot_z Q0 3 4" in told
-    assert told[-1] == "ret_arr 2"
+    reports = [str(instruction) for instruction in read.instructions]
+    assert "set R3 -5" in reports
+    assert "rot_z Q0 3 4" in reports
+    assert reports[-1] == "ret_arr 2"
 
 
 def test_no_part_of_a_subroutine_is_one() -> None:

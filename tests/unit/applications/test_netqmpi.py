@@ -36,8 +36,8 @@ def test_states_are_passed_on_from_rank_to_rank(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """|1> and |+>: the last rank finds 1, and 0 along X, in every shot."""
-    told, rounds = found(tmp_path, PROGRAMS / "passed_on.py", 2, 6, paths=LIGHT)
-    assert told == {"01": 6}
+    report, rounds = found(tmp_path, PROGRAMS / "passed_on.py", 2, 6, paths=LIGHT)
+    assert report == {"01": 6}
     assert rounds == list(range(6))
     assert capsys.readouterr().out == "found {'01': 6}\n"  # its own rank begins last
 
@@ -47,12 +47,12 @@ def test_states_that_are_passed_on_are_as_good_as_the_pairs(tmp_path: Path) -> N
     """Each of two bits is right in (1 + W) / 2, with W = (1 - p)^4 of two fibres a link."""
     w, shots = 0.3, 60
     words = {"paths": LIGHT, "depolarizing": 1 - w ** (1 / 4)}
-    told, _rounds = found(tmp_path, PROGRAMS / "passed_on.py", 2, shots, **words)
-    assert sum(told.values()) == shots
+    report, _rounds = found(tmp_path, PROGRAMS / "passed_on.py", 2, shots, **words)
+    assert sum(report.values()) == shots
     expected = ((1 + w) / 2) ** 2
     bound = SIGMAS * sqrt(expected * (1 - expected) / shots)
     assert bound < 1 - expected  # without noise this would fail
-    assert abs(told.get("01", 0) / shots - expected) < bound
+    assert abs(report.get("01", 0) / shots - expected) < bound
 
 
 def test_a_program_whose_ranks_make_no_circuit_is_told_so(tmp_path: Path) -> None:

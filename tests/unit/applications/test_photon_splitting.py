@@ -66,7 +66,7 @@ def attacked(
 ) -> tuple[list[dict[str, Any]] | str, dict[str, Any]]:
     """Run BB84; return both ends' summaries, or the refusal, and what eve tells in the end."""
 
-    def told() -> list[dict[str, Any]] | str:
+    def report() -> list[dict[str, Any]] | str:
         try:
             return requested(folder, "bb84", **options)
         except QuantumSocketError as error:
@@ -76,9 +76,9 @@ def attacked(
         with ServiceSocket(folder / "eve.sock") as eve:
             eve.settimeout(SOON_S)
             if not by_eve:
-                return told(), {}
+                return report(), {}
             eve.intercept(attack="split", expected_db=expected_db)
-            ends = told()
+            ends = report()
             eve.shutdown()
             return ends, eve.summary
 
@@ -140,9 +140,9 @@ def test_nothing_shows_while_the_rate_of_errors_and_of_pulses_seen_is_all_that_i
 def test_where_pulses_of_several_photons_are_all_that_is_seen_there_is_no_key(
     tmp_path: Path,
 ) -> None:
-    told, eve = attacked(tmp_path, LASER, 8.0, count=20_000)
-    assert isinstance(told, str)
-    assert "which an eavesdropper can divide" in told
+    figures, eve = attacked(tmp_path, LASER, 8.0, count=20_000)
+    assert isinstance(figures, str)
+    assert "which an eavesdropper can divide" in figures
     assert eve["held_back"] > eve["single_photon"]
 
 
@@ -157,8 +157,8 @@ def test_decoys_find_her_where_there_is_a_key_without_her(tmp_path: Path) -> Non
     assert not isinstance(without, str)
     assert not isinstance(with_her, str)
     unspied, found = without[0], with_her[0]
-    for told, share in ((unspied, 0.6887), (found, 0.5330)):
-        assert abs(told["single_photon_fraction"] - share) < 0.06
+    for report, share in ((unspied, 0.6887), (found, 0.5330)):
+        assert abs(report["single_photon_fraction"] - share) < 0.06
     assert found["key_bits"] < 0.85 * unspied["key_bits"]
     assert found["qber"] == unspied["qber"] == 0
 

@@ -72,8 +72,8 @@ def test_gates_do_what_the_sdk_says_wherever_that_is_certain(tmp_path: Path) -> 
                 outcomes.append(qubit.measure())
         return [int(each) for each in outcomes]
 
-    (told,) = outputs(tmp_path, {"alice": alice}, {"alice": "alice"})
-    assert told["alice"] == expected
+    (report,) = outputs(tmp_path, {"alice": alice}, {"alice": "alice"})
+    assert report["alice"] == expected
 
 
 def test_rotations_add_up_to_what_is_certain(tmp_path: Path) -> None:
@@ -89,13 +89,13 @@ def test_rotations_add_up_to_what_is_certain(tmp_path: Path) -> None:
                 outcomes.append(qubit.measure())
         return [int(each) for each in outcomes]
 
-    (told,) = outputs(tmp_path, {"alice": alice}, {"alice": "alice"})
-    assert told["alice"] == [1, 1, 0]
+    (report,) = outputs(tmp_path, {"alice": alice}, {"alice": "alice"})
+    assert report["alice"] == [1, 1, 0]
 
 
 def test_what_was_measured_stays_and_branches_see_it(tmp_path: Path) -> None:
     def alice(app_config: Any = None) -> list[tuple[int, ...]]:
-        told = []
+        report = []
         with connection("alice", app_config) as unit:
             for _ in range(20):
                 coin, other = Qubit(unit), Qubit(unit)
@@ -103,12 +103,12 @@ def test_what_was_measured_stays_and_branches_see_it(tmp_path: Path) -> None:
                 first = coin.measure(inplace=True)
                 with first.if_eq(1):
                     other.X()
-                told.append((first, coin.measure(), other.measure()))
+                report.append((first, coin.measure(), other.measure()))
             unit.flush()
-            return [tuple(int(each) for each in row) for row in told]
+            return [tuple(int(each) for each in row) for row in report]
 
-    (told,) = outputs(tmp_path, {"alice": alice}, {"alice": "alice"})
-    assert set(told["alice"]) == {(0, 0, 0), (1, 1, 1)}
+    (report,) = outputs(tmp_path, {"alice": alice}, {"alice": "alice"})
+    assert set(report["alice"]) == {(0, 0, 0), (1, 1, 1)}
 
 
 def test_loops_run_in_the_unit(tmp_path: Path) -> None:
@@ -122,8 +122,8 @@ def test_loops_run_in_the_unit(tmp_path: Path) -> None:
             unit.flush()
             return [int(outcomes.get_future_index(i)) for i in range(8)]
 
-    (told,) = outputs(tmp_path, {"alice": alice}, {"alice": "alice"})
-    assert told["alice"] == [1] * 8
+    (report,) = outputs(tmp_path, {"alice": alice}, {"alice": "alice"})
+    assert report["alice"] == [1] * 8
 
 
 def keep(role: str, peer: str, creates: bool, gates: str, pairs: int) -> Any:
@@ -150,10 +150,10 @@ def test_pairs_that_are_kept_are_phi_plus(tmp_path: Path, basis: str) -> None:
         "alice": keep("alice", "bob", True, TO_BASIS[basis], 40),
         "bob": keep("bob", "alice", False, TO_BASIS[basis], 40),
     }
-    (told,) = outputs(tmp_path, programs, TWO)
-    assert {0, 1} == set(told["alice"])
+    (report,) = outputs(tmp_path, programs, TWO)
+    assert {0, 1} == set(report["alice"])
     flip = basis == "Y"
-    assert told["bob"] == [outcome ^ flip for outcome in told["alice"]]
+    assert report["bob"] == [outcome ^ flip for outcome in report["alice"]]
 
 
 @pytest.mark.parametrize("basis", EprMeasBasis)
@@ -161,18 +161,18 @@ def test_pairs_that_are_measured_at_once_are_phi_plus(tmp_path: Path, basis: Epr
     def alice(app_config: Any = None) -> list[int]:
         pairs = EPRSocket("bob")
         with connection("alice", app_config, epr_sockets=[pairs]):
-            told = pairs.create_measure(20, basis_local=basis, basis_remote=EprMeasBasis.MZ)
+            report = pairs.create_measure(20, basis_local=basis, basis_remote=EprMeasBasis.MZ)
             again = pairs.create_measure(20, basis_local=basis, basis_remote=basis)
-        return [int(each.raw_measurement_outcome) for each in (*told, *again)]
+        return [int(each.raw_measurement_outcome) for each in (*report, *again)]
 
     def bob(app_config: Any = None) -> list[int]:
         pairs = EPRSocket("alice")
         with connection("bob", app_config, epr_sockets=[pairs]):
-            told = [*pairs.recv_measure(20), *pairs.recv_measure(20)]
-        return [int(each.raw_measurement_outcome) for each in told]
+            report = [*pairs.recv_measure(20), *pairs.recv_measure(20)]
+        return [int(each.raw_measurement_outcome) for each in report]
 
-    (told,) = outputs(tmp_path, {"alice": alice, "bob": bob}, TWO)
-    ours, theirs = np.array(told["alice"]), np.array(told["bob"])
+    (report,) = outputs(tmp_path, {"alice": alice, "bob": bob}, TWO)
+    ours, theirs = np.array(report["alice"]), np.array(report["bob"])
     flip = basis.name in ("Y", "MY")  # of Phi+ the outcomes in Y differ
     assert (ours[20:] ^ theirs[20:] == flip).all()
     crossed = ours[:20] ^ theirs[:20]  # with the opposite of Z
@@ -192,8 +192,8 @@ def test_what_the_creator_finds_is_what_the_receiver_has(
     def alice(app_config: Any = None) -> list[int]:
         pairs = EPRSocket("bob")
         with connection("alice", app_config, epr_sockets=[pairs]):
-            told = pairs.create_rsp(20, basis_local=basis)
-        return [int(each.raw_measurement_outcome) for each in told]
+            report = pairs.create_rsp(20, basis_local=basis)
+        return [int(each.raw_measurement_outcome) for each in report]
 
     def bob(app_config: Any = None) -> list[int]:
         pairs = EPRSocket("alice")
@@ -206,9 +206,9 @@ def test_what_the_creator_finds_is_what_the_receiver_has(
             unit.flush()
             return [int(each) for each in outcomes]
 
-    (told,) = outputs(tmp_path, {"alice": alice, "bob": bob}, TWO)
+    (report,) = outputs(tmp_path, {"alice": alice, "bob": bob}, TWO)
     flip = (axis == "Y") ^ opposite
-    assert told["bob"] == [outcome ^ flip for outcome in told["alice"]]
+    assert report["bob"] == [outcome ^ flip for outcome in report["alice"]]
 
 
 def test_programs_run_again_and_again(tmp_path: Path) -> None:
@@ -216,9 +216,9 @@ def test_programs_run_again_and_again(tmp_path: Path) -> None:
         "alice": keep("alice", "bob", True, "", 2),
         "bob": keep("bob", "alice", False, "", 2),
     }
-    told = outputs(tmp_path, programs, TWO, rounds=5)
-    assert len(told) == 5
-    assert all(each["alice"] == each["bob"] for each in told)
+    results = outputs(tmp_path, programs, TWO, rounds=5)
+    assert len(results) == 5
+    assert all(each["alice"] == each["bob"] for each in results)
 
 
 def test_a_number_is_used_for_one_pair_after_the_other(tmp_path: Path) -> None:
@@ -243,8 +243,8 @@ def test_a_number_is_used_for_one_pair_after_the_other(tmp_path: Path) -> None:
         "alice": sequential("alice", "bob", True),
         "bob": sequential("bob", "alice", False),
     }
-    (told,) = outputs(tmp_path, programs, TWO)
-    assert told["alice"] == told["bob"]
+    (report,) = outputs(tmp_path, programs, TWO)
+    assert report["alice"] == report["bob"]
 
 
 def in_portions(role: str, peer: str, creates: bool, portions: list[int], use: str) -> Any:
@@ -277,9 +277,9 @@ def test_pairs_are_counted_one_by_one_at_both_ends(
         "alice": in_portions("alice", "bob", True, ours, use),
         "bob": in_portions("bob", "alice", False, theirs, use),
     }
-    told = outputs(tmp_path, programs, TWO, rounds=3)
-    assert [each["bob"] for each in told] == [each["alice"] for each in told]
-    assert len(told[0]["alice"]) == sum(ours)
+    results = outputs(tmp_path, programs, TWO, rounds=3)
+    assert [each["bob"] for each in results] == [each["alice"] for each in results]
+    assert len(results[0]["alice"]) == sum(ours)
 
 
 def test_pairs_that_the_other_end_does_not_receive_are_an_error(
@@ -293,9 +293,9 @@ def test_pairs_that_the_other_end_does_not_receive_are_an_error(
         return str(caught.value)
 
     programs = {"alice": wants_more, "bob": in_portions("bob", "alice", False, [2], "keep")}
-    (told,) = outputs(tmp_path, programs, TWO)
-    assert len(told["bob"]) == 2
-    assert "1 pairs with bob: the other end has not asked to receive them" in told["alice"]
+    (report,) = outputs(tmp_path, programs, TWO)
+    assert len(report["bob"]) == 2
+    assert "1 pairs with bob: the other end has not asked to receive them" in report["alice"]
 
 
 @pytest.mark.parametrize("early", ["alice", "bob"])
@@ -328,9 +328,9 @@ def test_a_gate_waits_for_a_pair_on_its_way(tmp_path: Path, early: str) -> None:
         "alice": program("alice", "bob", creates=True),
         "bob": program("bob", "alice", creates=False),
     }
-    (told,) = outputs(tmp_path, programs, TWO, state_inspection=True)
-    assert told["alice"][0] == told["bob"][0]
-    for _outcome, mixed in told.values():
+    (report,) = outputs(tmp_path, programs, TWO, state_inspection=True)
+    assert report["alice"][0] == report["bob"][0]
+    for _outcome, mixed in report.values():
         assert np.allclose(mixed, np.eye(2) / 2)
 
 
@@ -345,8 +345,8 @@ def test_a_pair_takes_as_long_as_its_light_at_both_ends(tmp_path: Path) -> None:
             pairs_of = EPRSocket(peer)
             with connection(role, app_config, epr_sockets=[pairs_of]):
                 asked = pairs_of.create_measure if creates else pairs_of.recv_measure
-                told = [asked(number)[-1] for number in portions]
-            return [int(each.generation_duration) for each in told]
+                report = [asked(number)[-1] for number in portions]
+            return [int(each.generation_duration) for each in report]
 
         return program
 
@@ -354,11 +354,11 @@ def test_a_pair_takes_as_long_as_its_light_at_both_ends(tmp_path: Path) -> None:
         "alice": durations("alice", "bob", True, [500, 250, 250]),
         "bob": durations("bob", "alice", False, [500, 500]),
     }
-    (told,) = outputs(tmp_path, programs, TWO)
-    first, second, third = told["alice"]
+    (report,) = outputs(tmp_path, programs, TWO)
+    first, second, third = report["alice"]
     assert 10 <= first <= 20
     assert 5 <= second <= 10
-    assert told["bob"] == [first, second + third]
+    assert report["bob"] == [first, second + third]
 
 
 @pytest.mark.parametrize("sequential", [False, True])
@@ -385,11 +385,11 @@ def test_pairs_that_are_good_enough_at_the_end_are_kept(tmp_path: Path, sequenti
         return run
 
     programs = {"alice": program("alice", "bob", True), "bob": program("bob", "alice", False)}
-    told = outputs(tmp_path, programs, TWO, rounds=4)
-    assert [each["alice"] for each in told] == [each["bob"] for each in told]
+    results = outputs(tmp_path, programs, TWO, rounds=4)
+    assert [each["alice"] for each in results] == [each["bob"] for each in results]
 
 
-def said(folder: Path, *messages: bytes) -> str:
+def answer(folder: Path, *messages: bytes) -> str:
     """Say something to alice's unit; return why that is the end of it."""
 
     def speak() -> str:
@@ -413,21 +413,25 @@ def said(folder: Path, *messages: bytes) -> str:
 
 def test_hostile_bytes_are_refused_whole(tmp_path: Path) -> None:
     begun = encode(Call.DATA, bytes.fromhex("00000000 00000000 05000000"))
-    assert "no message of NetQASM" in said(tmp_path, encode(Call.DATA, b"\xff\xff"))
+    assert "no message of NetQASM" in answer(tmp_path, encode(Call.DATA, b"\xff\xff"))
     bad = bytes(4) + bytes([1, 0, 0, 0, 0, 0, 0]) + bytes([99, 0, 0, 0, 0, 0, 0])
-    assert "has number 99" in said(tmp_path, begun, encode(Call.DATA, b"\2" + bad))
+    assert "has number 99" in answer(tmp_path, begun, encode(Call.DATA, b"\2" + bad))
     lonely = bytes(4) + bytes([1, 0, 0, 0, 0, 0, 0])
-    assert "register R0 is not defined" in said(tmp_path, begun, encode(Call.DATA, b"\2" + lonely))
+    assert "register R0 is not defined" in answer(
+        tmp_path, begun, encode(Call.DATA, b"\2" + lonely)
+    )
     other = bytes(2) + b"\x09\0" + bytes([1, 0, 0, 0, 0, 0, 0])
-    assert "application 9 has not begun" in said(tmp_path, begun, encode(Call.DATA, b"\2" + other))
+    assert "application 9 has not begun" in answer(
+        tmp_path, begun, encode(Call.DATA, b"\2" + other)
+    )
 
 
-def calls(said: bytes) -> Iterator[Call]:
+def calls(text: bytes) -> Iterator[Call]:
     """Yield what each of the messages that a stack has sent is for."""
-    while said:
-        call, length = decode_header(said[: HEADER.size])
+    while text:
+        call, length = decode_header(text[: HEADER.size])
         yield call
-        said = said[HEADER.size + length :]
+        text = text[HEADER.size + length :]
 
 
 def test_a_loop_without_end_keeps_nobody_waiting(
@@ -447,17 +451,17 @@ def test_a_loop_without_end_keeps_nobody_waiting(
                 qubit.X()
                 outcome = qubit.measure()
             unit.setblocking(False)
-            said = unit.recv(1 << 16)
+            text = unit.recv(1 << 16)
             # The hosts that are up, and the begin of an application; the circle still turns.
-            assert [*calls(said)] == [Call.DONE, Call.DATA]
+            assert [*calls(text)] == [Call.DONE, Call.DATA]
         return int(outcome)
 
-    (told,) = outputs(tmp_path, {"alice": alice}, {"alice": "alice"})
-    assert told["alice"] == 1
+    (report,) = outputs(tmp_path, {"alice": alice}, {"alice": "alice"})
+    assert report["alice"] == 1
 
 
 def test_the_sdks_own_application_for_one_node_runs(tmp_path: Path) -> None:
-    told = outputs(tmp_path, EXAMPLES / "single_node", {"alice": "alice"})
-    assert set(told[0]["alice"]) == {"m1", "m2"}
-    assert json.dumps(told)
+    results = outputs(tmp_path, EXAMPLES / "single_node", {"alice": "alice"})
+    assert set(results[0]["alice"]) == {"m1", "m2"}
+    assert json.dumps(results)
     assert threading.active_count() < 20

@@ -20,10 +20,10 @@ STYLES = Path(__file__).parent / "netqasm_styles"
 def test_a_program_in_simulaqrons_manner_makes_the_same_bits_at_both_ends(tmp_path: Path) -> None:
     hosts, bits = {"Alice": "alice", "Bob": "bob"}, 12
     inputs = [{role: {"bits": bits} for role in hosts}]
-    (told,) = outputs(tmp_path, STYLES / "simulaqron", hosts, inputs)
-    assert told["Alice"] == told["Bob"]
-    assert len(told["Alice"]) == bits
-    assert set(told["Alice"]) == {0, 1}  # of 12 equal bits this once fails in 2,048 seeds
+    (report,) = outputs(tmp_path, STYLES / "simulaqron", hosts, inputs)
+    assert report["Alice"] == report["Bob"]
+    assert len(report["Alice"]) == bits
+    assert set(report["Alice"]) == {0, 1}  # of 12 equal bits this once fails in 2,048 seeds
 
 
 def test_a_program_in_squidasms_manner_teleports_and_loops(tmp_path: Path) -> None:
@@ -32,11 +32,11 @@ def test_a_program_in_squidasms_manner_teleports_and_loops(tmp_path: Path) -> No
     inputs: list[dict[str, dict[str, Any]]] = [
         {"sender": {"phi": phi, "theta": theta, "pairs": pairs}, "receiver": {"pairs": pairs}}
     ]
-    (told,) = outputs(tmp_path, STYLES / "squidasm", hosts, inputs, state_inspection=True)
-    state = np.array(told["receiver"]["state"])
+    (report,) = outputs(tmp_path, STYLES / "squidasm", hosts, inputs, state_inspection=True)
+    state = np.array(report["receiver"]["state"])
     assert abs(fidelity(state, qubit(phi, theta)) - 1) < ANGLES**2
-    assert told["sender"] == told["receiver"]["outcomes"]  # of Phi+, along X
-    assert len(told["sender"]) == pairs
+    assert report["sender"] == report["receiver"]["outcomes"]  # of Phi+, along X
+    assert len(report["sender"]) == pairs
 
 
 def test_a_broadcast_is_heard_after_another_program_has_ended(tmp_path: Path) -> None:
@@ -57,15 +57,15 @@ def test_a_broadcast_is_heard_after_another_program_has_ended(tmp_path: Path) ->
 
     def hears(app_config: Any) -> list[str]:
         channel = joined("c")
-        told = list(channel.recv())
+        report = list(channel.recv())
         select.select([channel._sockets["a"]], [], [])  # it has ended
         channel.send("go on")
-        return [*told, *channel.recv()]
+        return [*report, *channel.recv()]
 
     programs = {"a": ends_at_once, "b": waits, "c": hears}
-    (told,) = outputs(tmp_path, programs, {"a": "alice", "b": "bob", "c": "charlie"})
-    assert told["b"] == "first,go on"
-    assert told["c"] == ["a", "first", "b", "last"]
+    (report,) = outputs(tmp_path, programs, {"a": "alice", "b": "bob", "c": "charlie"})
+    assert report["b"] == "first,go on"
+    assert report["c"] == ["a", "first", "b", "last"]
 
 
 def test_who_looks_sees_what_was_asked_for_before(tmp_path: Path) -> None:
@@ -81,8 +81,8 @@ def test_who_looks_sees_what_was_asked_for_before(tmp_path: Path) -> None:
             qubit.X()
             return get_qubit_state(qubit)
 
-    (told,) = outputs(tmp_path, {"a": flips}, {"a": "alice"}, state_inspection=True)
-    assert np.allclose(told["a"], [[0, 0], [0, 1]])
+    (report,) = outputs(tmp_path, {"a": flips}, {"a": "alice"}, state_inspection=True)
+    assert np.allclose(report["a"], [[0, 0], [0, 1]])
 
 
 def test_qubits_stay_until_the_programs_of_all_roles_have_ended(
@@ -118,7 +118,7 @@ def test_qubits_stay_until_the_programs_of_all_roles_have_ended(
 
     programs = {"a": looks, "b": leaves, "c": lambda app_config: None}
     hosts = {"a": "alice", "b": "bob", "c": "charlie"}
-    told = outputs(tmp_path, programs, hosts, rounds=3, state_inspection=True)
+    results = outputs(tmp_path, programs, hosts, rounds=3, state_inspection=True)
     phi_plus = np.outer([1, 0, 0, 1], [1, 0, 0, 1]) / 2
-    for each in told:
+    for each in results:
         assert np.allclose(each["a"], phi_plus)

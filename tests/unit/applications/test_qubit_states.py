@@ -97,7 +97,7 @@ def test_haar_states_are_spread_evenly_over_the_sphere() -> None:
                 assert abs((one * other).mean()) < 5 * (1 / 15 / count) ** 0.5
 
 
-def told(*messages: Values, size: int) -> States | None:
+def peer_states(*messages: Values, size: int) -> States | None:
     """Return what the other end hears of this, after its last message."""
     heard, states = Heard(BLOCK, size), None
     for message in messages:
@@ -112,7 +112,7 @@ def test_what_is_told_is_what_was_prepared(name: str, size: int) -> None:
     states = chosen(name, draws(), size)
     messages = states.messages(SESSION, BLOCK)
     assert all(message.count <= PART for message in messages)
-    found = told(*messages, size=size)
+    found = peer_states(*messages, size=size)
     assert type(found) is type(states)
     for field, array in vars(states).items():
         np.testing.assert_array_equal(getattr(found, field), array)
@@ -136,5 +136,5 @@ def say(topic: int, numbers: list[int], width: int, block: int = BLOCK) -> Value
 )
 def test_what_is_no_state_of_the_block_is_refused(message: Values, text: str) -> None:
     with pytest.raises(SessionError, match=text) as caught:
-        told(message, size=2)
+        peer_states(message, size=2)
     assert caught.value.reason == Reason.PROTOCOL

@@ -28,9 +28,9 @@ def played(folder: Path, paths: list[tuple[int, int]], **programs: Program) -> d
     def perform() -> dict[str, Any]:
         with ThreadPoolExecutor(len(programs)) as pool:
             playing = {host: pool.submit(play, host, each) for host, each in programs.items()}
-            told = {host: each.result(SOON_S) for host, each in playing.items()}
+            reports = {host: each.result(SOON_S) for host, each in playing.items()}
         require_nothing_left(folder)
-        return told
+        return reports
 
     async def run() -> dict[str, Any]:
         async with network(folder, paths=paths):
@@ -67,8 +67,8 @@ def test_gates_act_as_they_are_called(tmp_path: Path) -> None:
         third.h()
         return [*found, one.measure(), other.measure(), third.measure()]
 
-    told = played(tmp_path, [], alice=alice)
-    assert told["alice"] == [1, 1, 0, 1, 1, 1, 1, 1, 0, 1, 1, 1]
+    report = played(tmp_path, [], alice=alice)
+    assert report["alice"] == [1, 1, 0, 1, 1, 1, 1, 1, 0, 1, 1, 1]
 
 
 @pytest.mark.parametrize("basis", "XZ")
@@ -79,14 +79,14 @@ def test_pairs_agree(tmp_path: Path, basis: str) -> None:
                 half.h()
         return [half.measure() for half in halves]
 
-    told = played(
+    report = played(
         tmp_path,
         [(4, 1), (5, 2)],
         alice=lambda processor: measured(processor.create_pairs("bob", 20)),
         bob=lambda processor: measured(processor.receive_pairs("alice", 20)),
     )
-    assert told["alice"] == told["bob"]
-    assert {0, 1} == set(told["alice"])
+    assert report["alice"] == report["bob"]
+    assert {0, 1} == set(report["alice"])
 
 
 def test_what_cannot_be_is_refused_by_name(tmp_path: Path) -> None:
@@ -110,8 +110,8 @@ def test_who_watches_sees_the_instructions(tmp_path: Path) -> None:
         qubit.rotate("y", 3, 2)
         return qubit.measure()
 
-    told = subroutines(tmp_path, alice)
-    assert told == [
+    reports = subroutines(tmp_path, alice)
+    assert reports == [
         "set Q0 0; qalloc Q0; init Q0; set Q0 0; rot_y Q0 3 2; set Q0 0; meas Q0 M0; qfree Q0; "
         "ret_reg M0"
     ]
@@ -124,10 +124,10 @@ def test_of_a_long_subroutine_the_beginning_is_seen(tmp_path: Path) -> None:
             qubit.x()
         processor.flush()
 
-    (told,) = subroutines(tmp_path, alice)
-    assert len(told) < 1100
-    assert told.startswith("set Q0 0; qalloc Q0; init Q0; set Q0 0; x Q0; set Q0 0; x Q0;")
-    assert told.endswith("; ... of 603 instructions")
+    (reports,) = subroutines(tmp_path, alice)
+    assert len(reports) < 1100
+    assert reports.startswith("set Q0 0; qalloc Q0; init Q0; set Q0 0; x Q0; set Q0 0; x Q0;")
+    assert reports.endswith("; ... of 603 instructions")
 
 
 def subroutines(folder: Path, program: Program) -> list[str]:

@@ -139,10 +139,10 @@ def test_who_measures_on_the_way_breaks_the_seal(tmp_path: Path) -> None:
         with ServiceSocket(tmp_path / "eve.sock") as eve:
             eve.settimeout(SOON_S)
             blocks = eve.intercept(1.0)
-            told = requested(tmp_path, "seal", count=100_000, **QUICK)
+            report = requested(tmp_path, "seal", count=100_000, **QUICK)
             eve.shutdown()
             assert list(blocks) == []
-        return told
+        return report
 
     async def run() -> Any:
         async with network(tmp_path, paths=BY_EVE):

@@ -33,9 +33,9 @@ def sensed(
     return summaries(folder, "sense", LINE, words, devices=devices, **physics)
 
 
-def off(told: dict[str, Any], total: float) -> float:
+def off(report: dict[str, Any], total: float) -> float:
     """Return by how much the sum is wrong, on the circle."""
-    return float((told["sum_rad"] - total + pi) % (2 * pi) - pi)
+    return float((report["sum_rad"] - total + pi) % (2 * pi) - pi)
 
 
 def test_the_sum_of_phases_is_told_at_the_limit_of_heisenberg(tmp_path: Path) -> None:
@@ -113,8 +113,8 @@ def test_the_spread_of_estimates_is_the_bound_of_cramer_and_rao(
     wrong = (np.array([each.phase_rad for each in found]) - phase + pi) % (2 * pi) - pi
     bound = 1 / (visibility**2 * 3200)
     assert 1 - 5 / sqrt(300) < (wrong**2).mean() / bound < 1.04 + 5 / sqrt(300)
-    told = np.mean([each.error_rad**2 for each in found]) / bound
-    assert 1 < told < 1.2
+    report = np.mean([each.error_rad**2 for each in found]) / bound
+    assert 1 < report < 1.2
     assert abs(wrong.mean()) < 5 * sqrt(bound / 600)
     assert np.mean([each.visibility for each in found]) == pytest.approx(visibility, abs=0.02)
 

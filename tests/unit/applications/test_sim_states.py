@@ -49,6 +49,6 @@ def test_a_program_compares_what_it_has_prepared(tmp_path: Path) -> None:
             set_qubit_state(prepared, phi=0.3, theta=1.2)
             return get_fidelity(qubit_from(0.3, 1.2), get_qubit_state(prepared))
 
-    (told,) = outputs(tmp_path, {"alice": alice}, {"alice": "alice"}, state_inspection=True)
-    assert told["alice"] == pytest.approx(1, abs=1e-6)
+    (report,) = outputs(tmp_path, {"alice": alice}, {"alice": "alice"}, state_inspection=True)
+    assert report["alice"] == pytest.approx(1, abs=1e-6)
     assert np.allclose(to_dm(qubit(0.3, 1.2)), to_dm(qubit_from(0.3, 1.2)))

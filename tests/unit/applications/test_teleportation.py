@@ -44,13 +44,13 @@ def test_any_state_arrives_over_ideal_fibres_on_dense(tmp_path: Path, state: str
 @pytest.mark.parametrize("path", [(4, 1), (5, 2)])
 def test_a_known_rotation_is_undone(tmp_path: Path, path: tuple[int, int], rotation: int) -> None:
     physics = {"optics": [PathOptics(*path, rotation=rotation)]}
-    alice, _bob = ask(tmp_path, "teleport", told(rotation), physics, count=2000)
+    alice, _bob = ask(tmp_path, "teleport", judge(rotation), physics, count=2000)
     assert (alice["arrived"], alice["fidelity"]) == (2000, 1)
 
 
 @pytest.mark.parametrize("rotation", [1, 2, 3])
 def test_a_rotation_that_no_path_has_is_undone_all_the_same(tmp_path: Path, rotation: int) -> None:
-    alice, _bob = ask(tmp_path, "teleport", told(rotation), count=2000)
+    alice, _bob = ask(tmp_path, "teleport", judge(rotation), count=2000)
     assert alice["fidelity"] == pytest.approx(1 / 3, abs=5 * sqrt(2 / 9 / 2000))
 
 
@@ -76,7 +76,7 @@ def failure(folder: Path, physics: dict[str, Any], **options: Any) -> tuple[str,
     return network_loop.run(run())
 
 
-def told(rotation: int) -> Judge:
+def judge(rotation: int) -> Judge:
     """Return a controller that tells bob of a rotation."""
     return lambda setup: replace(grant(setup), rotation=rotation)
 
@@ -138,8 +138,8 @@ def test_waiting_in_memory_for_the_bits_costs_fidelity(
 def test_other_backends_refuse_what_is_no_stabiliser_state(
     tmp_path: Path, state: str, backend: str
 ) -> None:
-    told = failure(tmp_path, physics={"backend": backend}, state=state, count=100)
-    for text in told:
+    report = failure(tmp_path, physics={"backend": backend}, state=state, count=100)
+    for text in report:
         assert f"simulates with backend {backend}; start it with --backend dense" in text
 
 

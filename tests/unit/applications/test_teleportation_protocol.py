@@ -64,7 +64,7 @@ class Bench:
     sizes: list[int] = field(default_factory=list)
     states: list[int] = field(default_factory=list)  # all that were sent
     measured: list[int] = field(default_factory=list)  # all Bell states that were found
-    told: list[TeleportFigures] = field(default_factory=list)  # to both ends
+    reports: list[TeleportFigures] = field(default_factory=list)  # to both ends
 
     def emit(self, _block: int, pairs: int) -> None:
         """Let the source make a block."""
@@ -143,7 +143,7 @@ class Ends:
         self.scene.run(self.sending)
         self.alice.say(Finish(5, 0, bytes(32)))
         self.scene.run(self.receiving)
-        theirs, ours = self.bench.told[-2:]
+        theirs, ours = self.bench.reports[-2:]
         of_states = np.array(theirs.of_states)  # known to the acceptor alone
         assert of_states[:, 0].sum() == theirs.arrived
         assert theirs.fidelity == of_states[:, 1].sum() / theirs.arrived
@@ -155,49 +155,49 @@ class Ends:
 @pytest.mark.parametrize("rotation", list(Pauli))
 def test_every_state_appears_behind_any_known_rotation(rotation: Pauli) -> None:
     ends = Ends(replace(SETUP, rotation=rotation))
-    for told in ends.run():
-        assert (told.states, told.arrived, told.fidelity) == (COUNT, COUNT, 1)
-        assert told.waited_ms == pytest.approx(0.7)
-        assert (told.elapsed_s, told.states_per_s) == (5, COUNT / 5)
+    for report in ends.run():
+        assert (report.states, report.arrived, report.fidelity) == (COUNT, COUNT, 1)
+        assert report.waited_ms == pytest.approx(0.7)
+        assert (report.elapsed_s, report.states_per_s) == (5, COUNT / 5)
     assert ends.bench.sizes == [50, 50, 50, 50, 40]
 
 
 def test_a_rotation_that_nobody_knows_leaves_its_own_eigenstates_alone() -> None:
     ends = Ends(turned=Pauli.Z)
-    told, _theirs = ends.run()
+    report, _theirs = ends.run()
     agreed = sum(NAMES[symbol] in "01" for symbol in ends.bench.states)
     assert 0 < agreed < COUNT
-    assert told.fidelity == agreed / COUNT
+    assert report.fidelity == agreed / COUNT
 
 
 def test_only_bell_states_that_are_told_apart_carry_a_state() -> None:
     ends = Ends(known=LINEAR)
-    told, _theirs = ends.run()
+    report, _theirs = ends.run()
     arrived = sum(outcome in LINEAR for outcome in ends.bench.measured)
     assert 0 < arrived < COUNT
-    assert (told.arrived, told.fidelity) == (arrived, 1)
+    assert (report.arrived, report.fidelity) == (arrived, 1)
 
 
 def test_a_photon_without_a_click_has_not_arrived() -> None:
-    told, _theirs = Ends(lost=frozenset({3, 8, 9})).run()
-    assert (told.states, told.arrived, told.fidelity) == (COUNT, COUNT - 3 * 5, 1)
+    report, _theirs = Ends(lost=frozenset({3, 8, 9})).run()
+    assert (report.states, report.arrived, report.fidelity) == (COUNT, COUNT - 3 * 5, 1)
 
 
 def test_a_block_without_light_counts_and_tells_what_was_meant() -> None:
     ends = Ends(unlit=frozenset({2}))
-    told, _theirs = ends.run()
-    assert (told.states, told.arrived, told.fidelity) == (COUNT, COUNT - 50, 1)
-    said = [message for message in ends.alice.said if getattr(message, "block", 0) == 2]
+    report, _theirs = ends.run()
+    assert (report.states, report.arrived, report.fidelity) == (COUNT, COUNT - 50, 1)
+    lines = [message for message in ends.alice.messages if getattr(message, "block", 0) == 2]
     topics = [Topic.COMING, Topic.ARRIVED, Topic.CORRECTIONS, Topic.STATES]
-    assert [message.topic for message in said] == topics  # type: ignore[attr-defined]
-    assert ends.bob.said[2 * 2 - 1] == values(5, Topic.COUNTS, 2, [0, 0, 0], 32)
+    assert [message.topic for message in lines] == topics  # type: ignore[attr-defined]
+    assert ends.bob.messages[2 * 2 - 1] == values(5, Topic.COUNTS, 2, [0, 0, 0], 32)
 
 
 def test_a_session_of_which_nothing_arrives_ends_with_a_reason() -> None:
     ends = Ends(unlit=frozenset(range(1, 6)))
     with pytest.raises(SessionError, match=f"none of {COUNT} states arrived: see that fibres"):
         ends.scene.run(ends.sending)
-    assert ends.bench.told[-1].fidelity is None
+    assert ends.bench.reports[-1].fidelity is None
     long = Ends(unlit=frozenset(range(1, 100)), count=2000)
     with pytest.raises(SessionError, match="none of 500 states arrived"):  # of ten blocks
         long.scene.run(long.sending)
@@ -213,9 +213,9 @@ def test_nothing_is_measured_before_the_bits_have_come_however_they_are_cut(ever
             getattr(ends, other).arrives = place
             ends.run()
             assert ends.bob.sent == whole.bob.sent
-            told = [order for _when, wire, order in ends.scene.orders if wire is ends.bob]
-            heard = [isinstance(order, protocol.Hear) for order in told]
-            measured = [getattr(order, "operation", "") == "outcomes" for order in told]
+            reports = [order for _when, wire, order in ends.scene.orders if wire is ends.bob]
+            heard = [isinstance(order, protocol.Hear) for order in reports]
+            measured = [getattr(order, "operation", "") == "outcomes" for order in reports]
             before = [sum(heard[:place]) for place in np.flatnonzero(measured)]
             assert before == [3, 6]
 
@@ -230,7 +230,7 @@ def test_an_end_that_is_gone_anywhere_ends_the_session(gone: str) -> None:
         getattr(ends, other).ends = place
         with pytest.raises(SessionError):
             ends.scene.run(ends.sending)
-        assert len(ends.bench.told) < len(whole.bench.told)
+        assert len(ends.bench.reports) < len(whole.bench.reports)
 
 
 def test_bits_of_another_block_or_out_of_order_are_refused() -> None:
@@ -241,4 +241,4 @@ def test_bits_of_another_block_or_out_of_order_are_refused() -> None:
         with pytest.raises(SessionError) as caught:
             ends.scene.run(ends.receiving)
         assert caught.value.reason == Reason.PROTOCOL
-        assert ends.bob.said == [Answer(5, Reason.OK)]
+        assert ends.bob.messages == [Answer(5, Reason.OK)]

@@ -20,10 +20,10 @@ def test_openssl_reads_the_key_out_of_the_file(tmp_path: Path) -> None:
     file = tmp_path / "key.pem"
     file.write_text(session(KEY))
     command = ["openssl", "sess_id", "-in", str(file), "-noout", "-text"]
-    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    assert f"Resumption PSK: {KEY.hex().upper()}" in said
-    assert "TLSv1.3" in said
-    assert "TLS_AES_256_GCM_SHA384" in said
+    text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert f"Resumption PSK: {KEY.hex().upper()}" in text
+    assert "TLSv1.3" in text
+    assert "TLS_AES_256_GCM_SHA384" in text
 
 
 def test_a_key_is_as_long_as_one_byte_of_length_tells() -> None:

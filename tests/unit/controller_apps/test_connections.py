@@ -205,7 +205,7 @@ def ask_next(state: Arbiter, now: float) -> list[Action]:
     return arrive(state, frame(NEXT.encode(), sport=40001, seq=A, ack=B), now=now)
 
 
-def said(actions: list[Action]) -> list[tuple[str, str]]:
+def notes(actions: list[Action]) -> list[tuple[str, str]]:
     return [(action.event, action.detail) for action in actions if isinstance(action, Note)]
 
 
@@ -216,16 +216,16 @@ def test_light_of_a_session_whose_close_is_being_counted_is_waited_for(
     state = opened(state_of())
     arrive(state, frame(b"later", seq=BEHIND, ack=B))
     arrive(state, frame(flags="FA", seq=(BEHIND + 2 * WINDOW) & 0xFFFFFFFF, ack=B), now=1.0)
-    assert said(ask_next(state, 1.0)) == [("queued", "")]
+    assert notes(ask_next(state, 1.0)) == [("queued", "")]
     state.tick(1.0 + COUNTING_S)
     counted_now = state.bypass_counted(CONNECTION, counted, 3.0)
     assert any(isinstance(action, OpenPaths) for action in counted_now) == ends
     if not ends:  # somebody else has guessed at the close
         late = state.tick(1.0 + state.terms.hold_timeout_s)
-        assert said(late) == [("refused", Reason.BUSY.name)]
+        assert notes(late) == [("refused", Reason.BUSY.name)]
 
 
 def test_light_of_a_session_that_goes_on_is_not_waited_for() -> None:
     state = opened(state_of())
     arrive(state, frame(b"later", seq=BEHIND, ack=B))
-    assert said(ask_next(state, 1.0)) == [("refused", Reason.BUSY.name)]
+    assert notes(ask_next(state, 1.0)) == [("refused", Reason.BUSY.name)]

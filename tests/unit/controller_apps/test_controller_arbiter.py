@@ -215,8 +215,8 @@ def test_refusals_name_their_reason_and_open_nothing() -> None:
         state = arbiter(rotation=1)
         actions = ask(state, setup)
         few = "alice has 1 fibre, SDC needs 2 there" if reason == Reason.NO_PATH else ""
-        told = replace(setup, verdict=Verdict.REFUSED, reason=reason, obstacle=few)
-        assert answer(actions) == told
+        report = replace(setup, verdict=Verdict.REFUSED, reason=reason, obstacle=few)
+        assert answer(actions) == report
         assert [type(action) for action in actions] == [Note, Forward]
         assert answer(ask(state, setup, 0.2)).reason == reason  # again for a retransmission
         assert not state.sessions.by_number

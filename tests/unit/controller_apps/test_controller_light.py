@@ -141,7 +141,7 @@ def test_without_another_way_the_session_waits_for_its_own() -> None:
     state = two_switches()
     granted(state)
     assert notes(cut(state, Q1, 1)) == ["stranded"]  # alice's own fibre
-    assert state.network_changed(2.0) == []  # told once
+    assert state.network_changed(2.0) == []  # reported once
     state.network.set_fiber(SwitchPort(Q1, 1), whole=True)
     assert state.network_changed(3.0) == []
     assert is_live(state, 7)

@@ -27,27 +27,27 @@ def features(datapath_id: int) -> bytes:
 
 
 def test_whole_messages_pass_wherever_they_are_cut() -> None:
-    said = HELLO + features(0x1001) + HELLO
-    for cut in range(len(said)):
+    text = HELLO + features(0x1001) + HELLO
+    for cut in range(len(text)):
         messages = SwitchMessages([0x1001])
-        first = messages.feed(said[:cut])
-        assert first == said[: len(first)]
-        assert first + messages.feed(said[cut:]) == said
+        first = messages.feed(text[:cut])
+        assert first == text[: len(first)]
+        assert first + messages.feed(text[cut:]) == text
 
 
 def test_no_word_of_another_switch_passes() -> None:
     for cut in range(33):
-        messages, said = SwitchMessages([0x1001]), features(1)
-        passed = messages.feed(said[:cut]) if cut < 32 else b""
+        messages, text = SwitchMessages([0x1001]), features(1)
+        passed = messages.feed(text[:cut]) if cut < 32 else b""
         assert passed == b""
         with pytest.raises(Impostor, match="0x1"):
-            messages.feed(said[cut:] if cut < 32 else said)
+            messages.feed(text[cut:] if cut < 32 else text)
 
 
-@pytest.mark.parametrize("said", ["0500000700000001", "0506000f00000001" + 7 * "00"])
-def test_messages_that_are_too_short_end_the_connection(said: str) -> None:
+@pytest.mark.parametrize("text", ["0500000700000001", "0506000f00000001" + 7 * "00"])
+def test_messages_that_are_too_short_end_the_connection(text: str) -> None:
     with pytest.raises(MalformedPacket):
-        SwitchMessages([1]).feed(bytes.fromhex(said))
+        SwitchMessages([1]).feed(bytes.fromhex(text))
 
 
 def credentials(authority: CertificateAuthority, name: str, **more: object) -> Credentials:
@@ -92,10 +92,10 @@ def through(folder: Path, act: Callable[[int, CertificateAuthority], Awaitable[N
     return asyncio.run(run())
 
 
-async def says(port: int, context: ssl.SSLContext, said: bytes) -> None:
+async def says(port: int, context: ssl.SSLContext, text: bytes) -> None:
     """Say something as a switch, and wait for the end."""
     reader, writer = await asyncio.open_connection("127.0.0.1", port, ssl=context)
-    writer.write(said)
+    writer.write(text)
     assert await reader.read() == b""
     writer.close()
 

@@ -32,15 +32,15 @@ def ask(changes: dict[str, str | None], token: str = TOKEN) -> tuple[str, bytes]
     setup_testing_defaults(environment)
     environment |= GOOD | changes
     environment = {name: value for name, value in environment.items() if value is not None}
-    told: list[str] = []
+    reports: list[str] = []
 
     def start_response(status: str, _headers: Any, _error: Any = None) -> Any:
-        told.append(status)
+        reports.append(status)
 
     answer = validator(Guard(served, ADDRESS, token))(environment, start_response)  # of PEP 3333
     body = b"".join(answer)
     answer.close()  # type: ignore[attr-defined]
-    return told[0], body
+    return reports[0], body
 
 
 @pytest.mark.parametrize(
@@ -76,8 +76,8 @@ def test_what_programs_of_this_machine_ask_is_served(changes: dict[str, str | No
 def test_what_a_page_of_another_makes_a_browser_ask_is_refused(
     changes: dict[str, str | None], status: str, words: str
 ) -> None:
-    told, body = ask(changes)
-    assert told.startswith(status)
+    report, body = ask(changes)
+    assert report.startswith(status)
     assert words in json.loads(body)["error"]
 
 

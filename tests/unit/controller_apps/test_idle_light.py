@@ -100,8 +100,8 @@ def test_a_host_that_does_not_obey_is_asked_again_later(answer: Reason | None) -
         now = MONITOR_BEGIN_S
         assert not light.tick(now)
     else:
-        told = light.node_answered(1000, BOB, answer, now)
-        assert noted(told) == ["unwatched"]
+        report = light.node_answered(1000, BOB, answer, now)
+        assert noted(report) == ["unwatched"]
     assert not light.tick(now + 9.9)
     assert orders(light.tick(now + 10.0))
 

@@ -31,11 +31,11 @@ def without(feature: Feature) -> NodeFeatures:
     return NodeFeatures(EVERYTHING & ~feature, 0 if feature == STORE else 4_000_000)
 
 
-def announced(told: dict[str, NodeFeatures | None]) -> Network:
+def announced(report: dict[str, NodeFeatures | None]) -> Network:
     """Return the network of three hosts, of which these have announced their features."""
     found = Network({Q1})
     for port, host in FIBERS.items():
-        node_features = told.get(host.address, ABLE)
+        node_features = report.get(host.address, ABLE)
         found.attach(SwitchPort(Q1, port), replace(host, node_features=node_features))
     return found
 
@@ -72,11 +72,11 @@ def test_a_service_is_refused_where_a_host_lacks_what_its_part_needs(
 @pytest.mark.parametrize("service", [Service.SDC, Service.DISTRIBUTE, Service["TELEPORT"]])
 def test_what_a_part_does_not_need_may_be_lacking(service: Service) -> None:
     needed = NEEDS[service]
-    told: dict[str, NodeFeatures | None] = {}
+    reports: dict[str, NodeFeatures | None] = {}
     for role, address in ADDRESSES.items():
         has = needed.get(role, Feature(0))
-        told[address] = NodeFeatures(has, 4_000_000 if STORE in has else 0)
-    assert admission(of(service), announced(told)).reason == Reason.OK
+        reports[address] = NodeFeatures(has, 4_000_000 if STORE in has else 0)
+    assert admission(of(service), announced(reports)).reason == Reason.OK
 
 
 def test_a_host_that_tells_nothing_is_taken_to_be_able_to_everything() -> None:

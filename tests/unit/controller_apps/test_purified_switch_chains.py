@@ -26,7 +26,7 @@ Place = SwitchPort | Receivers
 
 @dataclass(eq=False)
 class Pair:
-    """What two halves are of; after a swap both halves that are left are of `now`."""
+    """The pair of two halves; after a swap the two outer halves are of `now`."""
 
     operator: int = 0  # that makes Phi+ of it
     seen: bool = True
@@ -47,7 +47,7 @@ class Ends:
     random: np.random.Generator
     held: dict[tuple[Place, int], list[Pair | None]] = field(default_factory=dict)
     named: defaultdict[Place, deque[list[Pair]]] = field(default_factory=lambda: defaultdict(deque))
-    # What is on its way to the controller, in order at each place.
+    # On its way to the controller, in order at each place.
     sent: defaultdict[Place, deque[AnalyserFrame]] = field(
         default_factory=lambda: defaultdict(deque)
     )
@@ -272,7 +272,7 @@ def test_a_link_of_which_neither_memory_holds_a_pulse_is_swapped_though_none_was
 
 
 def commands(session: int, states: int, pulses: int = 40) -> list[AnalyserFrame]:
-    """Return what a link's ends are to do if a station reports so many Bell states of its pairs."""
+    """Return the commands to a link's ends for a number of Bell states that its station reports."""
     hops = [Hop(1, port, port - 1000) for port in MEMORIES]
     hops += [Hop(100 + link, 1, 60_001) for link in range(2)]
     turns = swap_turns(hops, "parallel", Purification("bbpssw", 1), Hosts(session))

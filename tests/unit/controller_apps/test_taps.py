@@ -81,11 +81,11 @@ def test_a_host_that_nobody_has_announced_is_refused_by_name() -> None:
     state.follow(replace(UNFILTERED, taps=(TAP,)))
     actions = ask(state, BB84)
     assert reason(actions) == Reason.UNKNOWN_HOST
-    told = (
+    report = (
         "UNKNOWN_HOST: tap between alice and bob: 'eve' is not a host that has announced a fibre; "
         "those are alice, bob, charlie"
     )
-    assert Note("refused", BB84.session, detail=told, at=SwitchPort(S1, 1)) in actions
+    assert Note("refused", BB84.session, detail=report, at=SwitchPort(S1, 1)) in actions
     assert not opened(actions)
     assert not state.sessions.by_number
 
@@ -95,11 +95,11 @@ def test_a_host_of_one_fibre_cannot_tap() -> None:
     state.follow(replace(UNFILTERED, taps=(TAP,)))
     actions = ask(state, BB84)
     assert reason(actions) == Reason.NO_PATH
-    told = (
+    report = (
         "NO_PATH: tap between alice and bob: eve has 1 fibre, a tap needs 2; add one, or take "
         "the tap out of the policy"
     )
-    assert Note("refused", BB84.session, detail=told, at=SwitchPort(S1, 1)) in actions
+    assert Note("refused", BB84.session, detail=report, at=SwitchPort(S1, 1)) in actions
     assert not opened(actions)
 
 

@@ -67,8 +67,8 @@ def test_unlike_detectors_do_not_tell_linear_optics_what_these_cannot_tell(
         device, every = Device(detectors=detectors, analyser=analyser), np.arange(COUNT)
         arms = DetectorPair(detectors), DetectorPair(detectors)
         found = Analyser(device, arms).at_detectors(STATES, CHANCE.at("further"))
-        told = ExtraBits(every, found >> np.uint8(1)), ExtraBits(every, found & np.uint8(1))
-        light = replace(DARKNESS, extra_pairs=told[0]), replace(DARKNESS, extra_pairs=told[1])
+        report = ExtraBits(every, found >> np.uint8(1)), ExtraBits(every, found & np.uint8(1))
+        light = replace(DARKNESS, extra_pairs=report[0]), replace(DARKNESS, extra_pairs=report[1])
         states = NONE
     outcomes = analyse(analyser, detectors, states, light).outcomes
     seen = {0: 1 - mismatch / 2, 1: 1 - mismatch, 2: 1 - mismatch / 2, 3: (1 - mismatch) ** 2}
@@ -181,8 +181,8 @@ def test_either_arm_tells_its_bit_wrongly_by_itself(error: float) -> None:
     assert found.incidents == {"misread": int(np.count_nonzero(flips))}
     linear = analyse(BellAnalyser("linear"), Detectors(readout_error=error)).outcomes
     psi_plus = STATES == 1
-    told = dict(zip(range(4), (error, right[0], 0.0, right[2]), strict=True))
-    for outcome, chance in told.items():
+    reports = dict(zip(range(4), (error, right[0], 0.0, right[2]), strict=True))
+    for outcome, chance in reports.items():
         count = int((linear[psi_plus] == outcome).sum())
         assert within(count, int(psi_plus.sum()), chance)
 
@@ -197,11 +197,11 @@ def test_dark_counts_alone_make_accidental_coincidences_of_any_outcome() -> None
     detectors = Detectors(dark_count_hz=1e8, gate_s=1e-9)
     found = analyse(detectors=detectors, states=NONE, halves=(DARKNESS, DARKNESS))
     arm = 1 - np.exp(-2 * 0.1)
-    told = int((found.outcomes != NO_CLICK).sum())
-    assert within(told, COUNT, arm**2)
-    assert found.incidents["accidental"] == told
+    count = int((found.outcomes != NO_CLICK).sum())
+    assert within(count, COUNT, arm**2)
+    assert found.incidents["accidental"] == count
     assert within(found.incidents["dark"], 4 * COUNT, 1 - np.exp(-0.1))  # of two pairs of detectors
-    assert all(within(int((found.outcomes == state).sum()), told, 0.25) for state in range(4))
+    assert all(within(int((found.outcomes == state).sum()), count, 0.25) for state in range(4))
 
 
 def test_a_short_window_keeps_part_of_the_accidental_coincidences() -> None:
@@ -210,17 +210,17 @@ def test_a_short_window_keeps_part_of_the_accidental_coincidences() -> None:
     found = analyse(
         BellAnalyser(coincidence_window_s=0.3e-9), detectors, NONE, (DARKNESS, DARKNESS)
     )
-    told = int((found.outcomes != NO_CLICK).sum())
-    assert within(told, COUNT, (1 - np.exp(-0.2)) ** 2 * (1 - 0.7**2))
+    count = int((found.outcomes != NO_CLICK).sum())
+    assert within(count, COUNT, (1 - np.exp(-0.2)) ** 2 * (1 - 0.7**2))
 
 
 def test_a_dark_count_beside_a_lone_photon_is_an_accidental_coincidence() -> None:
     detectors = Detectors(dark_count_hz=1e8, gate_s=1e-9)
     found = analyse(detectors=detectors, states=NONE, halves=(LIGHT, DARKNESS))
-    told = int((found.outcomes != NO_CLICK).sum())
-    assert within(told, COUNT, 1 - np.exp(-0.2))
-    assert found.incidents["accidental"] == told
-    assert all(within(int((found.outcomes == state).sum()), told, 0.25) for state in range(4))
+    count = int((found.outcomes != NO_CLICK).sum())
+    assert within(count, COUNT, 1 - np.exp(-0.2))
+    assert found.incidents["accidental"] == count
+    assert all(within(int((found.outcomes == state).sum()), count, 0.25) for state in range(4))
 
 
 def test_clicks_too_far_apart_are_no_coincidence() -> None:

@@ -177,9 +177,9 @@ def test_several_pairs_are_a_share_of_what_a_bell_measurement_tells(passes: floa
 
 def test_what_is_wrong_of_outcomes_bounds_every_share_of_them() -> None:
     """All ways in which 3 wrong pulses can turn out, beside 4 right ones that are announced."""
-    told = np.array([1, 1, 1, 1, 1, 0, 0, 0], dtype=bool)
+    reports = np.array([1, 1, 1, 1, 1, 0, 0, 0], dtype=bool)
     wrong = np.array([0, 0, 0, 0, 1, 1, 1, 0], dtype=bool)
-    (most,) = of_outcomes(CROWD, wrong, told).sizes.values()
+    (most,) = of_outcomes(CROWD, wrong, reports).sizes.values()
     assert most == 3 / 7
     ways = list(product((0, 1, None), repeat=3))
     for others in range(5):
@@ -188,7 +188,7 @@ def test_what_is_wrong_of_outcomes_bounds_every_share_of_them() -> None:
             for way in ways
         ]
         assert max(shares) - min(shares) <= most + 1e-12
-    assert of_outcomes(CROWD, np.zeros(8, bool), told) is EXACT
+    assert of_outcomes(CROWD, np.zeros(8, bool), reports) is EXACT
 
 
 def test_unequal_arms_herald_a_qubit_that_is_rather_in_one_state() -> None:

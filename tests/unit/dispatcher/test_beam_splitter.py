@@ -61,17 +61,17 @@ def amplitudes(number: int, mean: float) -> np.ndarray:
 @pytest.mark.parametrize(("one", "other"), list(product(range(6), repeat=2)))
 def test_photons_leave_as_the_mean_over_the_phases_of_lasers_says(one: int, other: int) -> None:
     """Poisson pulses of a mean are the mean over phases: no number of photons is known there."""
-    means, told = (0.3, 0.2), dict.fromkeys(PSI, 0.0)
+    means, report = (0.3, 0.2), dict.fromkeys(PSI, 0.0)
     for n, m in product(range(6), repeat=2):
         if n + m == 0:
             continue
         weight = np.exp(-sum(means)) * means[0] ** n * means[1] ** m / factorial(n) / factorial(m)
         photons, chances = outputs((one,) * n, (other,) * m)
         lit = (photons > 0).astype(int) @ [1, 2, 4, 8]
-        told["Psi+"] += weight * chances[np.isin(lit, (0b0011, 0b1100))].sum()
-        told["Psi-"] += weight * chances[np.isin(lit, (0b1001, 0b0110))].sum()
+        report["Psi+"] += weight * chances[np.isin(lit, (0b0011, 0b1100))].sum()
+        report["Psi-"] += weight * chances[np.isin(lit, (0b1001, 0b0110))].sum()
     theory = clicks(amplitudes(one, means[0]), amplitudes(other, means[1]), 0.0)
-    assert told == pytest.approx(theory, abs=2e-4)  # seven photons are rarer
+    assert report == pytest.approx(theory, abs=2e-4)  # seven photons are rarer
 
 
 @pytest.mark.parametrize(("one", "other"), [(0, 0), (0, 1), (1, 3), (2, 2), (2, 3), (4, 5), (3, 4)])
@@ -97,9 +97,9 @@ def test_published_closed_forms_are_that_mean(a: float, b: float) -> None:
     for formula, states in ((rectilinear, (0, 1)), (diagonal, (2, 3))):
         gain = wrong = 0.0
         for one, other in product(states, repeat=2):
-            told = clicks(amplitudes(one, a), amplitudes(other, b), 1e-3)
+            report = clicks(amplitudes(one, a), amplitudes(other, b), 1e-3)
             differs = {"Psi+": (one != other) == (formula is rectilinear), "Psi-": one != other}
-            for name, chance in told.items():
+            for name, chance in report.items():
                 gain += chance / 4
                 wrong += chance / 4 * (0.98 if not differs[name] else 0.02)
         assert formula(a, b, 1e-3, 0.02) == pytest.approx((gain, wrong), rel=1e-9)
@@ -122,9 +122,9 @@ def test_an_output_that_is_told_wrongly_makes_psi_minus_of_psi_plus() -> None:
     single = PairSource(), PairSource()
     detectors = Detectors(readout_error=error)
     outcomes, _ = asyncio.run(meet(single, constant(2, 2), detectors))
-    told = int(np.count_nonzero(outcomes != NO_CLICK))
-    assert within(told, COUNT, ARRIVES**2 / 2)
-    assert within(int(np.count_nonzero(outcomes == 3)), told, 2 * error * (1 - error))
+    count = int(np.count_nonzero(outcomes != NO_CLICK))
+    assert within(count, COUNT, ARRIVES**2 / 2)
+    assert within(int(np.count_nonzero(outcomes == 3)), count, 2 * error * (1 - error))
 
 
 @pytest.mark.parametrize("extras", [(2, 0), (0, 2), (1, 1)])
@@ -177,16 +177,16 @@ def test_halves_of_pairs_are_swapped_where_psi_is_told() -> None:
             await host.create(COUNT, number)
             await host.send({(number, 1): way[0]})
             await charlie.receive((number, 1), way[1])
-        told = await charlie.bell_measure((0, 1), (1, 1))
+        report = await charlie.bell_measure((0, 1), (1, 1))
         bases = np.arange(COUNT, dtype=np.uint8) % 2
         ends = [await alice.measure((0, 0), bases=bases), await bob.measure((1, 0), bases=bases)]
-        return told, bases, ends[0] ^ ends[1]
+        return report, bases, ends[0] ^ ends[1]
 
-    told, bases, differ = asyncio.run(run())
-    seen = told != NO_CLICK
+    report, bases, differ = asyncio.run(run())
+    seen = report != NO_CLICK
     assert within(int(np.count_nonzero(seen)), COUNT, 0.5)
-    assert within(int(np.count_nonzero(told == 1)), COUNT, 0.25)
-    assert np.array_equal(differ[seen], (told >> bases & 1)[seen])
+    assert within(int(np.count_nonzero(report == 1)), COUNT, 0.25)
+    assert np.array_equal(differ[seen], (report >> bases & 1)[seen])
 
 
 def test_state_vectors_tell_the_same_states_as_stabilisers() -> None:

@@ -47,9 +47,9 @@ async def nonce_of(stub: Any) -> bytes:
     return bytes((await stub.Challenge(ChallengeRequest(), timeout=SOON_S)).nonce)
 
 
-async def refused(stub: Any, told: Any, words: str) -> None:
+async def refused(stub: Any, report: Any, words: str) -> None:
     with pytest.raises(grpc.aio.AioRpcError) as caught:
-        await stub.Status(StatusRequest(), metadata=told, timeout=SOON_S)
+        await stub.Status(StatusRequest(), metadata=report, timeout=SOON_S)
     assert caught.value.code() == grpc.StatusCode.UNAUTHENTICATED
     assert words in (caught.value.details() or "")
 
@@ -57,10 +57,10 @@ async def refused(stub: Any, told: Any, words: str) -> None:
 def test_a_proof_counts_once_for_its_method_on_its_connection(tmp_path: Path) -> None:
     async def act(one: Any, other: Any) -> None:
         token = "token of runner"
-        told = proving(token, await nonce_of(one), "Status")
-        await refused(other, told, "not of this connection")
-        await one.Status(StatusRequest(), metadata=told, timeout=SOON_S)
-        await refused(one, told, "was used before")
+        report = proving(token, await nonce_of(one), "Status")
+        await refused(other, report, "not of this connection")
+        await one.Status(StatusRequest(), metadata=report, timeout=SOON_S)
+        await refused(one, report, "was used before")
         await refused(one, proving(token, await nonce_of(one), "Watch"), "no node's token proves")
         await refused(one, proving("wrong", await nonce_of(one), "Status"), "no node's token")
         await refused(one, proving(token, NONCE, "Status"), "not of this connection")
@@ -96,11 +96,11 @@ def test_by_tls_a_call_is_of_whom_proof_and_certificate_name(tmp_path: Path) -> 
         async with running(config, JumpingClock()):
             async with grpc.aio.secure_channel(address, shown) as channel:
                 alice: Any = DispatcherStub(channel)  # type: ignore[no-untyped-call]
-                told = proving("token of alice", await nonce_of(alice), "Perform")
-                call = alice.Perform(iter(()), metadata=told, timeout=SOON_S)
+                report = proving("token of alice", await nonce_of(alice), "Perform")
+                call = alice.Perform(iter(()), metadata=report, timeout=SOON_S)
                 assert [outcome async for outcome in call] == []
-                told = proving("token of bob", await nonce_of(alice), "Status")
-                await refused(alice, told, "the proof is bob's, and the certificate of alice")
+                report = proving("token of bob", await nonce_of(alice), "Status")
+                await refused(alice, report, "the proof is bob's, and the certificate of alice")
             without = grpc.ssl_channel_credentials(pem)
             for other in (
                 grpc.aio.insecure_channel(address),

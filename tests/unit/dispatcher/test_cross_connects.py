@@ -109,17 +109,17 @@ def test_the_agent_of_one_switch_cannot_act_on_another(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "said",
+    "text",
     [
         dispatcher_service.encode(b"\xff"),  # no token: it is not text
         TOKEN + dispatcher_service.encode(b"\xff"),  # no request
         TOKEN + dispatcher_service.LENGTH.pack(dispatcher_service.MAX_LENGTH + 1),
     ],
 )
-def test_rubbish_ends_its_connection_and_no_other(tmp_path: Path, said: bytes) -> None:
+def test_rubbish_ends_its_connection_and_no_other(tmp_path: Path, text: bytes) -> None:
     async def scene(bench: Bench) -> None:
         async with connection(bench) as (reader, writer):
-            writer.write(said)
+            writer.write(text)
             assert await reader.read() == b""
         await bench.switch.connect((1, 3))
         assert paths(bench) == {1: 3}
@@ -128,12 +128,12 @@ def test_rubbish_ends_its_connection_and_no_other(tmp_path: Path, said: bytes) -
 
 
 @pytest.mark.parametrize(
-    "said", [b"", TOKEN[:3], TOKEN, TOKEN + dispatcher_service.LENGTH.pack(9) + b"\n"]
+    "text", [b"", TOKEN[:3], TOKEN, TOKEN + dispatcher_service.LENGTH.pack(9) + b"\n"]
 )
-def test_a_connection_that_ends_early_changes_nothing(tmp_path: Path, said: bytes) -> None:
+def test_a_connection_that_ends_early_changes_nothing(tmp_path: Path, text: bytes) -> None:
     async def scene(bench: Bench) -> None:
         async with connection(bench) as (reader, writer):
-            writer.write(said)
+            writer.write(text)
             writer.write_eof()
             assert await reader.read() == b""
         assert paths(bench) == {}

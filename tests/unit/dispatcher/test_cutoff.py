@@ -49,7 +49,7 @@ def scene(act: Callable[[Laboratory], Awaitable[None]], **memory: Any) -> None:
     uvloop.run(inside())
 
 
-@pytest.mark.parametrize("cutoff_s", [None, 0.0035], ids=["own", "told"])
+@pytest.mark.parametrize("cutoff_s", [None, 0.0035], ids=["own", "requested"])
 def test_two_pairs_are_there_when_one_comes_soon_enough_behind_another(
     cutoff_s: float | None,
 ) -> None:
@@ -67,8 +67,8 @@ def test_two_pairs_are_there_when_one_comes_soon_enough_behind_another(
         alice, bob = laboratory.host("alice"), laboratory.host("bob")
         attempts, right = [], np.zeros(2, int)
         for number in range(blocks):
-            told = {"timeout_s": 60.0, "cutoff_s": cutoff_s}
-            found, _took_s = await laboratory.heralded("q1", PORTS, 2, number, **told)
+            reports = {"timeout_s": 60.0, "cutoff_s": cutoff_s}
+            found, _took_s = await laboratory.heralded("q1", PORTS, 2, number, **reports)
             attempts.append(found.attempts)
             states = np.frombuffer(found.outcomes, np.uint8)
             mine, yours = await alice.measure((number, 0), X), await bob.measure((number, 1), X)

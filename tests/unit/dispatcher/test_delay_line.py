@@ -15,7 +15,7 @@ COUNT = 100_000
 COLOUR_MHZ = 193_400_000
 
 
-async def told(
+async def outcomes(
     analyser: BellAnalyser,
     stored: bool,
     lengths_km: tuple[float, float],
@@ -63,7 +63,7 @@ def test_so_much_fibre_as_the_ways_differ_by_costs_light(
     db_per_km: float, stored: bool, lengths_km: tuple[float, float], loss_db: float
 ) -> None:
     found, laboratory = uvloop.run(
-        told(BellAnalyser(delay_line_db_per_km=db_per_km), stored, lengths_km)
+        outcomes(BellAnalyser(delay_line_db_per_km=db_per_km), stored, lengths_km)
     )
     seen = int(np.count_nonzero(found != NO_CLICK))
     assert within(seen, COUNT, 10 ** (-loss_db / 10))
@@ -73,12 +73,12 @@ def test_so_much_fibre_as_the_ways_differ_by_costs_light(
 
 
 def test_two_thousand_kilometres_leave_nothing() -> None:
-    found, _laboratory = uvloop.run(told(BellAnalyser(), False, (0.0, 2_000.0)))
+    found, _laboratory = uvloop.run(outcomes(BellAnalyser(), False, (0.0, 2_000.0)))
     assert (found == NO_CLICK).all()
 
 
 def test_without_a_delay_line_two_thousand_kilometres_are_no_coincidence() -> None:
-    found, laboratory = uvloop.run(told(BellAnalyser(delay_line_km=0.0), False, (0.0, 2_000.0)))
+    found, laboratory = uvloop.run(outcomes(BellAnalyser(delay_line_km=0.0), False, (0.0, 2_000.0)))
     assert (found == NO_CLICK).all()
     assert not laboratory.layer.photons_lost  # they come 9.8 ms apart
 
@@ -90,7 +90,7 @@ def test_photons_that_come_apart_interfere_as_hong_ou_and_mandel_saw(bandwidth_n
     s = 2 * np.pi * 193.4e12**2 / 299_792_458 * bandwidth_nm * 1e-9
     source = PairSource(bandwidth_nm=bandwidth_nm)
     analyser = BellAnalyser(delay_line_km=0.0)
-    found, _laboratory = uvloop.run(told(analyser, False, (0.02, 0.01), source))
+    found, _laboratory = uvloop.run(outcomes(analyser, False, (0.02, 0.01), source))
     wrong = int(np.count_nonzero(found == 2))
     assert set(np.unique(found)) <= {0, 2}
     assert within(wrong, COUNT, (1 - np.exp(-((s * tau_s) ** 2))) / 2)
@@ -99,15 +99,15 @@ def test_photons_that_come_apart_interfere_as_hong_ou_and_mandel_saw(bandwidth_n
 def test_a_delay_line_too_short_leaves_the_rest() -> None:
     """Of 11 km it takes out 10; the last 4.9 us are beyond the window of 1 us."""
     near, far = BellAnalyser(delay_line_km=11.0), BellAnalyser(delay_line_km=10.0)
-    assert (uvloop.run(told(near, False, (1.0, 12.0)))[0] != NO_CLICK).any()
-    assert (uvloop.run(told(far, False, (1.0, 12.0)))[0] == NO_CLICK).all()
+    assert (uvloop.run(outcomes(near, False, (1.0, 12.0)))[0] != NO_CLICK).any()
+    assert (uvloop.run(outcomes(far, False, (1.0, 12.0)))[0] == NO_CLICK).all()
 
 
 @pytest.mark.parametrize(("apart_km", "rad_per_s"), [(5.2e-5, 1e9), (6e-5, 3e9), (9e-7, 3.7e11)])
 def test_ways_of_less_than_a_nanosecond_are_not_equal(apart_km: float, rad_per_s: float) -> None:
     """P = [1 - exp(-(s tau)^2)] / 2 by the lengths of both fibres: 5.2 cm are .255 ns."""
     analyser = BellAnalyser(bandwidth_rad_per_s=rad_per_s, delay_line_km=0.0)
-    found, _laboratory = uvloop.run(told(analyser, False, (5.2e-5 + apart_km, 5.2e-5)))
+    found, _laboratory = uvloop.run(outcomes(analyser, False, (5.2e-5 + apart_km, 5.2e-5)))
     tau_s = apart_km * 1e3 / 2.04e8
     wrong = (1 - np.exp(-((rad_per_s * tau_s) ** 2))) / 2
     assert within(int(np.count_nonzero(found == 2)), COUNT, wrong)
@@ -123,5 +123,7 @@ def test_photons_of_two_colours_interfere_less(
     s = 2 * np.pi * 193.4e12**2 / 299_792_458 * bandwidth_nm * 1e-9
     kept = np.exp(-((2e6 * np.pi * apart_mhz / (2 * s)) ** 2)) if s else 0.0
     source = PairSource(bandwidth_nm=bandwidth_nm)
-    found, _laboratory = uvloop.run(told(BellAnalyser(), stored, (0.01, 0.01), source, apart_mhz))
+    found, _laboratory = uvloop.run(
+        outcomes(BellAnalyser(), stored, (0.01, 0.01), source, apart_mhz)
+    )
     assert within(int(np.count_nonzero(found == 2)), COUNT, (1 - kept) / 2)

@@ -66,9 +66,9 @@ def test_dark_counts_come_with_their_rate_while_the_gate_is_open(dark_count_hz: 
     expected = 1 - np.exp(-dark_count_hz * 2e-9)
     assert within(found.dark, 2 * COUNT, expected)
     assert found.clicks == found.dark
-    told = found.bits[found.bits != NO_CLICK]
-    assert within(len(told), COUNT, 1 - (1 - expected) ** 2)
-    assert within(int(told.sum()), len(told), 0.5)
+    report = found.bits[found.bits != NO_CLICK]
+    assert within(len(report), COUNT, 1 - (1 - expected) ** 2)
+    assert within(int(report.sum()), len(report), 0.5)
     assert found.lightless is not None
     assert np.array_equal(found.lightless, found.bits != NO_CLICK)
 

@@ -176,14 +176,14 @@ def test_who_resends_meets_the_noise_of_its_detectors_too(model: str) -> None:
     async def act(laboratory: Laboratory) -> None:
         alice = laboratory.host("alice")
         await alice.prepare(np.zeros(COUNT, np.uint8))
-        told = await alice.resend((0, 0), np.zeros(COUNT, np.uint8))
-        assert within(int((told == NO_CLICK).sum()), COUNT, 0.3)
-        assert within(int((told == 1).sum()), COUNT, 0.7 * 0.2)
+        report = await alice.resend((0, 0), np.zeros(COUNT, np.uint8))
+        assert within(int((report == NO_CLICK).sum()), COUNT, 0.3)
+        assert within(int((report == 1).sum()), COUNT, 0.7 * 0.2)
         [sent] = laboratory.layer.ownership.of_session("alice", SESSION)
-        np.testing.assert_array_equal(sent.register.present, told != NO_CLICK)
+        np.testing.assert_array_equal(sent.register.present, report != NO_CLICK)
         again = await alice.measure((0, 0))  # which errs again
         there = again != NO_CLICK
-        assert within(int((told != again)[there].sum()), int(there.sum()), 0.2)
+        assert within(int((report != again)[there].sum()), int(there.sum()), 0.2)
 
     detectors = Detectors(**sometimes(model, pauli=1, chance=0.2, lost=0.3))
     at_alice(act, Device(detectors=detectors))
@@ -195,9 +195,9 @@ def test_detectors_err_and_miss_as_their_model_says(model: str) -> None:
     async def act(laboratory: Laboratory) -> None:
         alice = laboratory.host("alice")
         await alice.create(COUNT, 0, ZEROS)
-        told = await alice.measure((0, 0))
-        assert within(int((told == NO_CLICK).sum()), COUNT, 0.25)
-        assert within(int((told == 1).sum()), int((told != NO_CLICK).sum()), 0.1)
+        outcomes = await alice.measure((0, 0))
+        assert within(int((outcomes == NO_CLICK).sum()), COUNT, 0.25)
+        assert within(int((outcomes == 1).sum()), int((outcomes != NO_CLICK).sum()), 0.1)
         await alice.create(COUNT, 1)
         states = await alice.bell_measure((1, 0), (1, 1))
         assert set(states.tolist()) == {0, 1, NO_CLICK}

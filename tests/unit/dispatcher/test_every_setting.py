@@ -1,7 +1,7 @@
 """Every setting of devices, fibres and switches acts: at an extreme an outcome changes.
 
 Each case is a job in the laboratory that should feel the setting, and others that it depends on.
-Times, refusals and approximations count as told. Which effect is the right one other tests say.
+Times, refusals and approximations count as feedback. Other tests check the size of each effect.
 """
 
 from collections.abc import Awaitable, Callable
@@ -68,11 +68,11 @@ class Job:
 
     laboratory: Laboratory
     light: dict[str, Any]  # of send
-    told: list[object] = field(default_factory=list)
+    feedback: list[object] = field(default_factory=list)
 
     def note(self, feedback: Feedback | None) -> None:
         """Keep all feedback to a host: when, whether that is exact, and outcomes."""
-        self.told.append(str(feedback))
+        self.feedback.append(str(feedback))
 
     async def send(self, host: str, launches: dict[tuple[int, int], str]) -> None:
         """Send light of this rate and colour."""
@@ -87,8 +87,8 @@ class Job:
     async def measure(self, host: str, block: tuple[int, int], basis: int) -> None:
         """Measure a block in Z (0) or X (1)."""
         bits = await self.laboratory.host(host).measure(block, Z_OR_X[basis])
-        self.told.append(bits.tobytes())
-        self.told.append(self.laboratory.clock.now_ns() - START_NS)
+        self.feedback.append(bits.tobytes())
+        self.feedback.append(self.laboratory.clock.now_ns() - START_NS)
 
 
 async def prepared(job: Job) -> None:
@@ -135,7 +135,7 @@ async def joined(job: Job) -> None:
     await job.send("charlie", {(0, 0): "charlie-q0", (0, 1): "charlie-q1"})
     for half in (0, 1):
         await job.receive("bob", (0, half), f"bob-q{half}")
-    job.told.append((await job.laboratory.host("bob").bell_measure((0, 0), (0, 1))).tobytes())
+    job.feedback.append((await job.laboratory.host("bob").bell_measure((0, 0), (0, 1))).tobytes())
 
 
 async def program(job: Job) -> None:
@@ -154,7 +154,7 @@ async def heralded(job: Job) -> None:
     """A station in q1 heralds pairs of qubits of alice and bob."""
     await job.laboratory.connect("q1", {1: FIRST, 3: SECOND})
     report, took_s = await job.laboratory.heralded("q1", HERALDED, COUNT, timeout_s=1.0)
-    job.told += [str(report), took_s]
+    job.feedback += [str(report), took_s]
     for half, host in enumerate(HERALDED):
         await job.measure(host, (0, half), 1)
 
@@ -335,7 +335,7 @@ def device(settings: Settings, host: str) -> Device:
     return device
 
 
-def told(act: Act, settings: Settings) -> list[object]:
+def feedback_of(act: Act, settings: Settings) -> list[object]:
     """Return the feedback to the hosts of a job, and the reason of its end."""
     optics = of(settings, "fiber")
     ways = [
@@ -373,7 +373,7 @@ def told(act: Act, settings: Settings) -> list[object]:
 def test_an_extreme_of_a_setting_changes_what_hosts_are_told(
     act: Act, setting: str, value: Any, beside: Settings
 ) -> None:
-    assert told(act, beside) != told(act, beside | {setting: value})
+    assert feedback_of(act, beside) != feedback_of(act, beside | {setting: value})
 
 
 def test_every_setting_is_tried_at_an_extreme() -> None:

@@ -58,13 +58,13 @@ def told_of(one: np.ndarray, statistics: str, mean: float) -> np.ndarray:
             more[a | c, b | d] += clicks[a, b] * one[c, d]
         clicks = more
     tells = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0], [0.5, 0.5, 0]])
-    told: np.ndarray = tells.T @ of_all @ tells
-    return told
+    reports: np.ndarray = tells.T @ of_all @ tells
+    return reports
 
 
-def error_rate(told: np.ndarray) -> float:
+def error_rate(report: np.ndarray) -> float:
     """Return how often bits differ where there are two."""
-    return float((told[0, 1] + told[1, 0]) / told[:2, :2].sum())
+    return float((report[0, 1] + report[1, 0]) / report[:2, :2].sum())
 
 
 FIGURES = [
@@ -112,7 +112,7 @@ async def share(laboratory: Laboratory) -> None:
     await laboratory.host("bob").receive((0, 1), "bob-q0")
 
 
-async def told(laboratory: Laboratory, basis: MeasureRequest.Basis) -> np.ndarray:
+async def outcomes(laboratory: Laboratory, basis: MeasureRequest.Basis) -> np.ndarray:
     """Return how often both ends tell each pair of bits, 2 for none."""
     found = [
         await laboratory.host(name).measure((0, half), basis)
@@ -142,7 +142,7 @@ def test_each_pair_of_a_pulse_has_its_own_outcome_and_survival(
 
     async def act(laboratory: Laboratory) -> None:
         await share(laboratory)
-        found = await told(laboratory, basis)
+        found = await outcomes(laboratory, basis)
         assert all(
             within(int(count), COUNT, likely)
             for count, likely in zip(found.flat, expected.flat, strict=True)
@@ -161,7 +161,7 @@ def test_inefficient_detectors_and_memories_are_as_loss(efficiency: float) -> No
         if stored:
             await laboratory.host("alice").store((0, 0))
             await laboratory.host("bob").store((0, 1))
-        found = await told(laboratory, Z)
+        found = await outcomes(laboratory, Z)
         assert all(
             within(int(count), COUNT, likely)
             for count, likely in zip(found.flat, expected.flat, strict=True)
@@ -200,7 +200,7 @@ def test_gathered_pulses_take_their_extra_pairs_photons_along() -> None:
         order = np.random.default_rng(1).permutation(COUNT)
         await laboratory.host("alice").gather((0, 0), {(0, 0): order})
         await laboratory.host("bob").gather((0, 1), {(0, 1): order})
-        found = await told(laboratory, Z)
+        found = await outcomes(laboratory, Z)
         assert all(
             within(int(count), COUNT, likely)
             for count, likely in zip(found.flat, expected.flat, strict=True)
@@ -211,8 +211,8 @@ def test_gathered_pulses_take_their_extra_pairs_photons_along() -> None:
 
 def test_a_bell_analyser_sees_the_extra_pairs_pairs_of_a_pulse() -> None:
     """An approximation: photons of two pairs interfere, too."""
-    told = arms_told("poisson", 1.0, 0.5)
-    expected = [told[phase, parity] for phase, parity in ((0, 0), (0, 1), (1, 0), (1, 1))]
+    report = arms_told("poisson", 1.0, 0.5)
+    expected = [report[phase, parity] for phase, parity in ((0, 0), (0, 1), (1, 0), (1, 1))]
 
     async def act(laboratory: Laboratory) -> None:
         charlie, bob = laboratory.host("charlie"), laboratory.host("bob")
@@ -232,7 +232,7 @@ def test_a_bell_analyser_sees_the_extra_pairs_pairs_of_a_pulse() -> None:
 def test_nothing_is_left_of_pulses_that_were_measured() -> None:
     async def act(laboratory: Laboratory) -> None:
         await share(laboratory)
-        await told(laboratory, Z)
+        await outcomes(laboratory, Z)
         assert laboratory.layer.sabot.live_qubits == 0
         await share(laboratory)
         await laboratory.host("alice").discard((0, 0))

@@ -38,7 +38,7 @@ def at_alice(act: Callable[[Laboratory], Awaitable[None]], t2_s: float = 1.0, **
 
 
 def test_each_operation_is_over_when_its_time_is() -> None:
-    told: list[float] = []
+    reports: list[float] = []
 
     async def act(laboratory: Laboratory) -> None:
         alice = laboratory.host("alice")
@@ -46,7 +46,7 @@ def test_each_operation_is_over_when_its_time_is() -> None:
         async def timed(operation: Awaitable[Any]) -> None:
             began_ns = laboratory.clock.now_ns()
             await operation
-            told.append((laboratory.clock.now_ns() - began_ns) / 1e9)
+            reports.append((laboratory.clock.now_ns() - began_ns) / 1e9)
 
         await timed(alice.create(2, 0, ZEROS))
         await timed(alice.create(2, 1, ZEROS))
@@ -62,7 +62,7 @@ def test_each_operation_is_over_when_its_time_is() -> None:
     at_alice(act, **SLOW)
     bell_s = ONE_S + TWO_S + READOUT_S
     expected = [INITIAL_S, INITIAL_S, ONE_S, 0, ONE_S + TWO_S, READOUT_S, bell_s, READOUT_S]
-    assert told == pytest.approx(expected, abs=1e-8)
+    assert reports == pytest.approx(expected, abs=1e-8)
 
 
 def test_light_is_modulated_and_measured_at_once() -> None:
@@ -124,9 +124,9 @@ def test_readings_are_flipped_so_often(error: float) -> None:
         await alice.create(COUNT, 1, ZEROS)
         assert within(int((await alice.measure((1, 0))).sum()), COUNT, error)
         await alice.create(COUNT)
-        told = np.bincount(await alice.bell_measure((0, 0), (0, 1)), minlength=4)
+        reports = np.bincount(await alice.bell_measure((0, 0), (0, 1)), minlength=4)
         each = error * (1 - error)
-        for count, expected in zip(told, [(1 - error) ** 2, each, each, error**2], strict=True):
+        for count, expected in zip(reports, [(1 - error) ** 2, each, each, error**2], strict=True):
             assert within(int(count), COUNT, expected)
 
     at_alice(act, readout_error=error)

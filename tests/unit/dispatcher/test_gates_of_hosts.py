@@ -236,8 +236,8 @@ def test_swapping_by_a_noisy_hadamard_errs_in_the_phase_alone() -> None:
         alice = laboratory.host("alice")
         for number in (0, 1):
             await alice.create(COUNT, number)
-        told = await alice.bell_measure((0, 0), (1, 0))
-        found = told ^ await alice.bell_measure((0, 1), (1, 1))
+        outcomes = await alice.bell_measure((0, 0), (1, 0))
+        found = outcomes ^ await alice.bell_measure((0, 1), (1, 1))
         assert within(int(np.count_nonzero(found == 0)), COUNT, 0.9**2 + 0.1**2)
         assert within(int(np.count_nonzero(found == 2)), COUNT, 2 * 0.9 * 0.1)
 

@@ -85,9 +85,9 @@ class Stream:
 
     async def read(self) -> Event:
         if not self._events:
-            told = await self._call.read()
-            assert told.events  # a message is never empty
-            self._events += told.events
+            report = await self._call.read()
+            assert report.events  # a message is never empty
+            self._events += report.events
         return self._events.pop(0)
 
 
@@ -123,8 +123,8 @@ def test_a_watcher_is_told_what_has_happened_meanwhile_in_one_message(tmp_path: 
             assert [each.block.number for each in (await call.read()).events] == [0]
             for number in range(1, 1 + MOST_AT_ONCE):
                 history.record(event(number))
-            told = (await call.read()).events
-            assert [each.block.number for each in told] == list(range(1, 1 + MOST_AT_ONCE))
+            report = (await call.read()).events
+            assert [each.block.number for each in report] == list(range(1, 1 + MOST_AT_ONCE))
             assert time.monotonic() - began >= pause_s
             call.cancel()
 
@@ -250,11 +250,11 @@ def test_events_carry_the_wall_clock_and_answers_the_time_of_the_network(tmp_pat
 
     async def run() -> None:
         async with running(config, JumpingClock()) as bench:
-            told = await bench.alice.create(5)
+            report = await bench.alice.create(5)
             stream = await watch(bench, WatchRequest(node="alice", history=True))
             event = await stream.read()
             assert event.kind == "create"
-            assert event.time_ns == since_ns + 10 * (told.time_ns - since_ns)
+            assert event.time_ns == since_ns + 10 * (report.time_ns - since_ns)
 
     uvloop.run(run())
 

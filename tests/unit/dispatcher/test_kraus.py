@@ -351,17 +351,17 @@ def test_detectors_tell_a_one_as_a_zero_in_any_basis(model: str) -> None:
     async def run(laboratory: Laboratory) -> None:
         alice = laboratory.host("alice")
         await alice.prepare(states)
-        told = await alice.measure((0, 0), bases=states // 2)
-        assert not told[states % 2 == 0].any()
+        report = await alice.measure((0, 0), bases=states // 2)
+        assert not report[states % 2 == 0].any()
         for state in (1, 3, 5):
-            assert within(int(told[states == state].sum()), COUNT, 0.7)
+            assert within(int(report[states == state].sum()), COUNT, 0.7)
         bits = states[states < 2]
         for basis, angle_rad in ((3, pi / 4), (4, -pi / 4)):  # halfway to |+> and to |->
             await alice.prepare(bits, basis)
             await alice.apply((basis, 0), gates=[Gate(name=Gate.RY, angle_rad=angle_rad)])
-            told = await alice.measure((basis, 0), bases=np.full(bits.size, basis, np.uint8))
-            assert not told[bits == 0].any()
-            assert within(int(told[bits == 1].sum()), COUNT, 0.7)
+            report = await alice.measure((basis, 0), bases=np.full(bits.size, basis, np.uint8))
+            assert not report[bits == 0].any()
+            assert within(int(report[bits == 1].sum()), COUNT, 0.7)
         await alice.create(COUNT, 1)
         expected = bell_outcomes(through(pair(), 0, damping(0.3)))
         require(await alice.bell_measure((1, 0), (1, 1)), expected)

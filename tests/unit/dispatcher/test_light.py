@@ -322,9 +322,9 @@ def test_who_sends_is_answered_when_light_has_left_and_sees_no_loss_before_news_
             await bench.runner.status()
             assert not sending.done()
             await clock.set(START_NS + 1000)
-            told = await sending
-            assert (told.first_ns, told.last_ns) == (START_NS, START_NS + 999)
-            assert (told.time_ns, told.photons) == (START_NS + 1000, 1000)
+            report = await sending
+            assert (report.first_ns, report.last_ns) == (START_NS, START_NS + 999)
+            assert (report.time_ns, report.photons) == (START_NS + 1000, 1000)
             for time_ns in (START_NS + 999 + there_ns, START_NS + 999 + 2 * there_ns):
                 await clock.waiters(1)
                 await clock.set(time_ns)

@@ -164,11 +164,11 @@ def test_a_host_cannot_tell_by_its_memory_what_a_station_heralds_before_news_can
         laboratory = Laboratory(config)
         await laboratory.connect("q1", {3: FIRST, 4: SECOND})
         clock, stored = laboratory.clock, laboratory.layer.memories._stored
-        told, jump = asyncio.Event(), clock.wait_until
+        report, jump = asyncio.Event(), clock.wait_until
 
         async def wait(time_ns: int) -> None:
             if asyncio.current_task() not in laboratory.table.stations._busy.values():
-                await told.wait()
+                await report.wait()
             await jump(time_ns)
 
         clock.wait_until = wait  # type: ignore[method-assign]
@@ -183,7 +183,7 @@ def test_a_host_cannot_tell_by_its_memory_what_a_station_heralds_before_news_can
             block = BlockId(session=SESSION, number=number)
             keep = laboratory.table.handle("alice", "store", StoreRequest(block=block))
             answers.append(await refusal(keep))
-        told.set()
+        report.set()
         if heralded:
             await work
             kept = laboratory.layer.ownership.at_node

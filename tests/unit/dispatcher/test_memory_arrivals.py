@@ -114,9 +114,9 @@ def test_a_stored_half_waits_for_the_light_that_it_is_measured_with() -> None:
             await bob.receive((number, 0), "bob-q1")
             await laboratory.wait(5.0)  # to simulate it: the host had asked before
             apart_s = (second.first_ns - first.first_ns) / 1e9
-            told = await bob.bell_measure((number, 0), (number, 1))
-            phases += int(np.count_nonzero(told == 2))
-            assert not (told == NO_CLICK).any()
+            outcomes = await bob.bell_measure((number, 0), (number, 1))
+            phases += int(np.count_nonzero(outcomes == 2))
+            assert not (outcomes == NO_CLICK).any()
         assert apart_s > 0.9
         assert within(phases, BLOCKS * PAIRS, (1 - np.exp(-apart_s / 2.0)) / 2)
 

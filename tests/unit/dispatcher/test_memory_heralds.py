@@ -48,13 +48,13 @@ async def share(laboratory: Laboratory, rate_hz: int = 1_000_000) -> Bits:
 
 def test_photons_are_missed_and_empty_places_heralded() -> None:
     async def act(laboratory: Laboratory) -> None:
-        told = await share(laboratory)
+        outcomes = await share(laboratory)
         mine = await laboratory.host("alice").measure((0, 0))
         yours = await laboratory.host("bob").measure((0, 1))
         there = yours != NO_CLICK
-        assert within(int(told.sum()), PAIRS, PASSED * SEEN + (1 - PASSED) * MISTAKEN)
+        assert within(int(outcomes.sum()), PAIRS, PASSED * SEEN + (1 - PASSED) * MISTAKEN)
         assert within(int(there.sum()), PAIRS, PASSED * SEEN)
-        assert not (there & ~told).any()  # what was missed is not kept
+        assert not (there & ~outcomes).any()  # what was missed is not kept
         assert (mine[there] == yours[there]).all()
 
     scene(act)
@@ -62,11 +62,11 @@ def test_photons_are_missed_and_empty_places_heralded() -> None:
 
 def test_who_counts_anew_does_not_learn_which_places_are_empty() -> None:
     async def act(laboratory: Laboratory) -> None:
-        told = await share(laboratory)
-        bob, some = laboratory.host("bob"), np.flatnonzero(told)[::-2]
+        outcomes = await share(laboratory)
+        bob, some = laboratory.host("bob"), np.flatnonzero(outcomes)[::-2]
         await bob.gather((1, 1), {(0, 1): some}, keep_rest=True)
         left = np.frombuffer((await bob.store((0, 1))).arrived, bool)
-        expected = told.copy()
+        expected = outcomes.copy()
         expected[some] = False
         assert (left == expected).all()
         assert np.frombuffer((await bob.store((1, 1))).arrived, bool).all()
@@ -79,10 +79,10 @@ def test_who_counts_anew_does_not_learn_which_places_are_empty() -> None:
 
 def test_a_pauli_on_what_is_kept_tells_nobody_what_is_empty() -> None:
     async def act(laboratory: Laboratory) -> None:
-        told = await share(laboratory)
+        outcomes = await share(laboratory)
         bob = laboratory.host("bob")
         await bob.apply((0, 1), np.ones(PAIRS, np.uint8))
-        assert (np.frombuffer((await bob.store((0, 1))).arrived, bool) == told).all()
+        assert (np.frombuffer((await bob.store((0, 1))).arrived, bool) == outcomes).all()
 
     scene(act)
 
@@ -93,9 +93,9 @@ def test_a_pulse_of_several_photons_is_heralded_once() -> None:
     came = 1 - np.exp(-mean * PASSED)
 
     async def act(laboratory: Laboratory) -> None:
-        told = await share(laboratory)
+        outcomes = await share(laboratory)
         there = await laboratory.host("bob").measure((0, 1)) != NO_CLICK
-        assert within(int(told.sum()), PAIRS, came * SEEN + (1 - came) * MISTAKEN)
+        assert within(int(outcomes.sum()), PAIRS, came * SEEN + (1 - came) * MISTAKEN)
         assert within(int(there.sum()), PAIRS, came * SEEN)
 
     scene(act, statistics="poisson", mean_pairs=mean)
@@ -105,9 +105,9 @@ def test_an_empty_place_is_given_up_as_a_full_one_by_the_cut_off() -> None:
     """20,000 at 1 MHz: the first half is older than 10 ms when the last one comes."""
 
     async def act(laboratory: Laboratory) -> None:
-        told = await share(laboratory)
-        assert not told[: PAIRS // 2 - 1].any()
-        young = told[PAIRS // 2 :]
+        outcomes = await share(laboratory)
+        assert not outcomes[: PAIRS // 2 - 1].any()
+        young = outcomes[PAIRS // 2 :]
         assert within(int(young.sum()), young.size, PASSED * SEEN + (1 - PASSED) * MISTAKEN)
 
     memory = Memory(herald_efficiency=SEEN, false_herald=MISTAKEN, cutoff_s=0.01)

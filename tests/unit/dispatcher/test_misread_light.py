@@ -36,9 +36,9 @@ def test_detectors_of_light_tell_wrongly_what_they_see_and_nothing_else() -> Non
         await alice.prepare(np.ones(COUNT, np.uint8))
         await alice.send({(0, 0): "alice-q0"})
         await bob.receive((0, 0), "bob-q0")
-        told = await bob.measure((0, 0))
-        assert within(int((told != NO_CLICK).sum()), COUNT, seen)
-        assert within(int((told == 0).sum()), int((told != NO_CLICK).sum()), error)
+        outcomes = await bob.measure((0, 0))
+        assert within(int((outcomes != NO_CLICK).sum()), COUNT, seen)
+        assert within(int((outcomes == 0).sum()), int((outcomes != NO_CLICK).sum()), error)
 
     uvloop.run(act())
 
@@ -54,11 +54,11 @@ def test_who_resends_light_resends_what_was_told() -> None:
         await alice.prepare(np.ones(COUNT, np.uint8))
         await alice.send({(0, 0): "alice-q0"})
         await eve.receive((0, 0), "eve-q0")
-        told = await eve.resend((0, 0), np.zeros(COUNT, np.uint8))
+        report = await eve.resend((0, 0), np.zeros(COUNT, np.uint8))
         await eve.send({(0, 0): "eve-q1"})
         await bob.receive((0, 0), "bob-q0")
         found = await bob.measure((0, 0))
-        assert within(int((told == 0).sum()), COUNT, error)
-        assert np.array_equal(found, told)
+        assert within(int((report == 0).sum()), COUNT, error)
+        assert np.array_equal(found, report)
 
     uvloop.run(act())

@@ -40,8 +40,8 @@ def test_a_qubit_takes_the_phase_of_its_host(phase: float) -> None:
     """|0> + exp(i phase) |1>: cos(phase) in X, sin(phase) = cos(phase - pi/2) in Y."""
     for basis, angle in ((MeasureRequest.X, 0.0), (MeasureRequest.Y, pi / 2)):
         hosts = laboratory(alice=Device(sensor=Sensor(phase)))
-        told, expected = uvloop.run(plus(hosts, basis)), cos(phase - angle)
-        assert abs(told - expected) <= 5 * sqrt(1 - expected**2 + 1e-12) / sqrt(COUNT)
+        report, expected = uvloop.run(plus(hosts, basis)), cos(phase - angle)
+        assert abs(report - expected) <= 5 * sqrt(1 - expected**2 + 1e-12) / sqrt(COUNT)
 
 
 def test_both_halves_of_a_pair_take_phases_that_add_up() -> None:

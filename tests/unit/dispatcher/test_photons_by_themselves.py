@@ -160,17 +160,17 @@ def test_each_photon_of_a_weak_pulse_errs_by_itself(
     """T1 = T2 is a reset to |0> alone; the twirl of T2 = 2 T1 is X and XZ with half of that."""
     if fiber.get("burst_start_hz"):
         fiber = fiber | {"burst_end_hz": 1e-6}  # it is bad all the time
-    told = weak_pulses(state, act, device, **fiber)
-    seen = told != NO_CLICK
+    figures = weak_pulses(state, act, device, **fiber)
+    seen = figures != NO_CLICK
     assert within(int(seen.sum()), COUNT, 1 - exp(-MEAN))
-    assert within(int((told[seen] != (state & 1)).sum()), int(seen.sum()), wrong(error))
+    assert within(int((figures[seen] != (state & 1)).sum()), int(seen.sum()), wrong(error))
 
 
 def test_who_taps_a_fibre_measures_photon_by_photon() -> None:
     """Of a half of the photons, in Z or X, a quarter of all is wrong in Z: X with f/4."""
-    told = weak_pulses(ONE, nothing, Device(), tapped=1.0)
-    seen = told != NO_CLICK
-    assert within(int((told[seen] == 0).sum()), int(seen.sum()), wrong(0.25))
+    figures = weak_pulses(ONE, nothing, Device(), tapped=1.0)
+    seen = figures != NO_CLICK
+    assert within(int((figures[seen] == 0).sum()), int(seen.sum()), wrong(0.25))
 
 
 @pytest.mark.parametrize(
@@ -181,8 +181,8 @@ def test_who_taps_a_fibre_measures_photon_by_photon() -> None:
 def test_a_model_of_ones_own_loses_each_photon_by_itself(
     device: Device, fiber: dict[str, Any]
 ) -> None:
-    told = weak_pulses(ONE, waits, device, **fiber)
-    assert within(int((told != NO_CLICK).sum()), COUNT, 1 - exp(-MEAN / 2))
+    figures = weak_pulses(ONE, waits, device, **fiber)
+    assert within(int((figures != NO_CLICK).sum()), COUNT, 1 - exp(-MEAN / 2))
 
 
 async def senses(laboratory: Laboratory, bob: LaboratoryHost) -> None:
@@ -192,10 +192,10 @@ async def senses(laboratory: Laboratory, bob: LaboratoryHost) -> None:
 
 def test_each_photon_of_a_weak_pulse_takes_the_phase_of_a_sensor() -> None:
     """Half a turn makes |-> of |+>, of all photons of a pulse."""
-    told = weak_pulses(PLUS, senses, Device(sensor=Sensor(pi)))
-    seen = told != NO_CLICK
+    figures = weak_pulses(PLUS, senses, Device(sensor=Sensor(pi)))
+    seen = figures != NO_CLICK
     assert within(int(seen.sum()), COUNT, 1 - exp(-MEAN))
-    assert (told[seen] == 1).all()
+    assert (figures[seen] == 1).all()
 
 
 async def stays(laboratory: Laboratory, bob: LaboratoryHost) -> None:
@@ -210,8 +210,10 @@ def test_each_photon_of_a_weak_pulse_relaxes_by_the_wait_of_its_pulse() -> None:
     """
     mean, span_s = 0.5, 2.0
     memory = Memory(t1_s=T, t2_s=T)
-    told = weak_pulses(ONE, stays, Device(memory=memory), mean=mean, rate_hz=round(COUNT / span_s))
-    for tenth, bits in enumerate(told.reshape(10, -1)):
+    figures = weak_pulses(
+        ONE, stays, Device(memory=memory), mean=mean, rate_hz=round(COUNT / span_s)
+    )
+    for tenth, bits in enumerate(figures.reshape(10, -1)):
         waited_s = span_s * (1 - (tenth + 0.5) / 10)
         seen = bits != NO_CLICK
         likely = wrong(1 - exp(-waited_s / T), mean)
@@ -222,8 +224,10 @@ def test_each_photon_of_a_weak_pulse_fades_by_the_wait_of_its_pulse() -> None:
     """Of a Poisson pulse that waited for t any is left with 1 - exp(-m exp(-t / retrieval))."""
     mean, span_s = 1.0, 2.0
     memory = Memory(retrieval_s=T)
-    told = weak_pulses(ONE, stays, Device(memory=memory), mean=mean, rate_hz=round(COUNT / span_s))
-    for tenth, bits in enumerate(told.reshape(10, -1)):
+    figures = weak_pulses(
+        ONE, stays, Device(memory=memory), mean=mean, rate_hz=round(COUNT / span_s)
+    )
+    for tenth, bits in enumerate(figures.reshape(10, -1)):
         waited_s = span_s * (1 - (tenth + 0.5) / 10)
         likely = 1 - exp(-mean * exp(-waited_s / T))
         assert within(int((bits != NO_CLICK).sum()), bits.size, likely)
@@ -235,15 +239,15 @@ async def flips_some(laboratory: Laboratory, bob: LaboratoryHost) -> None:
 
 
 def test_a_pauli_of_one_pulse_meets_all_its_photons_and_no_others() -> None:
-    told = weak_pulses(ONE, flips_some, Device())
+    figures = weak_pulses(ONE, flips_some, Device())
     expected = np.arange(COUNT) % 3 != 0
-    assert (told == expected)[told != NO_CLICK].all()
+    assert (figures == expected)[figures != NO_CLICK].all()
 
 
 def test_a_model_of_ones_own_has_each_photon_wait_as_its_pulse_does() -> None:
     """Of two seconds of pulses the first half has waited for more than one."""
     memory = Memory(noise=FLIP_OLD)
-    told = weak_pulses(ONE, stays, Device(memory=memory), rate_hz=COUNT // 2)
+    figures = weak_pulses(ONE, stays, Device(memory=memory), rate_hz=COUNT // 2)
     expected = np.arange(COUNT) >= COUNT // 2
     about = np.abs(np.arange(COUNT) - COUNT // 2) < 10
-    assert (told == expected)[(told != NO_CLICK) & ~about].all()
+    assert (figures == expected)[(figures != NO_CLICK) & ~about].all()

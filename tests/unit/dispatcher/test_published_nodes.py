@@ -2,7 +2,7 @@
 
 Expected is the published rate of attempts times the published probability of one, within five
 standard errors of counting; the rate that a paper states itself is farther off where its apparatus
-also does other things, and how far is said with it.
+also does other things, with the distance beside it.
 """
 
 from dataclasses import replace
@@ -99,13 +99,13 @@ async def heralded(device: Device) -> Heralded:
         found, took_s = await laboratory.heralded("q1", PORTS, PAIRS, number, timeout_s=MAX_S)
         seconds += took_s
         attempts += found.attempts
-        told = np.frombuffer(found.outcomes, np.uint8)
+        reports = np.frombuffer(found.outcomes, np.uint8)
         basis = BASES[number % 3]
         mine, yours = [await host.measure((number, half), basis) for half, host in enumerate(hosts)]
         # Psi+ is alike in X and Y, Psi- in none, and neither in Z.
-        differ = np.logical_or(basis == MeasureRequest.Z, told == PSI_MINUS)
+        differ = np.logical_or(basis == MeasureRequest.Z, reports == PSI_MINUS)
         right[number % 3] += int(((mine != yours) == differ).sum())
-        measured[number % 3] += told.size
+        measured[number % 3] += reports.size
     return Heralded(seconds, attempts, right, measured)
 
 

@@ -123,8 +123,8 @@ def test_who_measures_in_the_other_basis_learns_nothing_and_leaves_nothing() -> 
         seen = await intercepted(laboratory, 0, np.zeros(COUNT, np.uint8))
         found = await laboratory.host("bob").measure((0, 0), MeasureRequest.X)
         bits = states & 1
-        for told in (seen, found):
-            assert within(int((told == bits).sum()), COUNT, 0.5)
+        for report in (seen, found):
+            assert within(int((report == bits).sum()), COUNT, 0.5)
         # Three measurements of the same photon draw numbers of their own.
         assert within(int((seen == found).sum()), COUNT, 0.5)
 

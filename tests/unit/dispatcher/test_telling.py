@@ -9,7 +9,7 @@ from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import TellRequest
 
 
-def told(text: str) -> list[tuple[str, str, str]]:
+def report(text: str) -> list[tuple[str, str, str]]:
     """Return the events after alice has reported a text."""
     laboratory = Laboratory(DispatcherConfig("", "", 1, {"alice": ""}, [], []))
     uvloop.run(laboratory.act("alice", "tell", TellRequest(text=text)))
@@ -17,11 +17,11 @@ def told(text: str) -> list[tuple[str, str, str]]:
 
 
 def test_instructions_are_an_event_of_the_host_that_tells_them() -> None:
-    assert told("set Q0 0; meas Q0 M0") == [("alice", "subroutine", "set Q0 0; meas Q0 M0")]
-    assert told("x" * 4000)
+    assert report("set Q0 0; meas Q0 M0") == [("alice", "subroutine", "set Q0 0; meas Q0 M0")]
+    assert report("x" * 4000)
 
 
 @pytest.mark.parametrize("text", ["", "x" * 4001, "h Q0\n2026 bob measure", "\x1b[2J", "é", "\0"])
 def test_what_is_not_one_line_of_a_log_is_refused(text: str) -> None:
     with pytest.raises(Refusal, match="1 to 4000 printable ASCII characters are allowed"):
-        told(text)
+        report(text)

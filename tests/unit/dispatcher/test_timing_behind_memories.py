@@ -76,9 +76,9 @@ def test_photons_out_of_memories_interfere_as_if_they_had_no_jitter(stored: bool
             await bob.receive((number, 1), f"bob-q{number}")
             if stored:
                 await bob.store((number, 1))
-        told = await bob.bell_measure((0, 1), (1, 1))
+        outcomes = await bob.bell_measure((0, 1), (1, 1))
         # Halves of two Phi+ are found in the same Bell state as the other two.
-        flips = told ^ await charlie.bell_measure((0, 0), (1, 0))
+        flips = outcomes ^ await charlie.bell_measure((0, 0), (1, 0))
         assert set(flips.tolist()) <= {0, 2}
         assert within(int(np.count_nonzero(flips)), COUNT, (1 - visibility) / 2)
 

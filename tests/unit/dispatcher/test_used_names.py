@@ -42,13 +42,13 @@ def test_the_outcomes_of_a_name_that_is_used_again_are_new() -> None:
 
 def test_each_use_of_a_number_is_told_from_the_others() -> None:
     names, draws = UsedNames(), np.random.default_rng(1)
-    told = set()
+    reports = set()
     for number in (*range(50), *draws.integers(0, 60, 500).tolist(), 1 << 31, (1 << 31) + 1):
         for session in (7, 8):
-            told.add((session, number, names.use(session, number)))
-    assert len(told) == 2 * 552
-    assert (7, 3, "") in told
-    assert (7, 1 << 31, "") in told
+            reports.add((session, number, names.use(session, number)))
+    assert len(reports) == 2 * 552
+    assert (7, 3, "") in reports
+    assert (7, 1 << 31, "") in reports
 
 
 def test_what_is_remembered_is_bounded_and_no_use_is_taken_for_another(
@@ -56,8 +56,8 @@ def test_what_is_remembered_is_bounded_and_no_use_is_taken_for_another(
 ) -> None:
     monkeypatch.setattr(ownership, "MOST_RANGES", 4)
     monkeypatch.setattr(ownership, "MOST_REPEATED", 3)
-    numbers, told = UsedNumbers(), set()
+    numbers, report = UsedNumbers(), set()
     uses = [*range(0, 40, 2), *range(40), *range(0, 40, 3), 100, 0, 1, 2]
     for number in uses:
-        told.add((number, numbers.use(number)))
-    assert len(told) == len(uses)
+        report.add((number, numbers.use(number)))
+    assert len(report) == len(uses)

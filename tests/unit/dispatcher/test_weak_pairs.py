@@ -264,7 +264,7 @@ def test_pairs_stay_pairs_where_they_have_to_be_drawn(
 ) -> None:
     """Halves of Phi+ agree along Z and X and differ along Y, also if one is drawn later.
 
-    Bob stores his half when so many halves were measured. The mean is so low that pulses with
+    Bob stores his half after this number of measured halves. The mean is so low that pulses with
     several pairs, which err, are few: m / 2 of them at most.
     """
     mean = 0.02

@@ -38,8 +38,8 @@ def test_the_error_of_a_series_is_that_of_its_batches() -> None:
 
 
 def test_waits_of_blocks_follow_from_means_over_all_so_far() -> None:
-    told = [{"arrived": 100, "waited_ms": 10.0}, {"arrived": 300, "waited_ms": 30.0}]
-    assert congestion.waits_of(told) == pytest.approx([0.01, (300 * 30 - 100 * 10) / 200 / 1e3])
+    reports = [{"arrived": 100, "waited_ms": 10.0}, {"arrived": 300, "waited_ms": 30.0}]
+    assert congestion.waits_of(reports) == pytest.approx([0.01, (300 * 30 - 100 * 10) / 200 / 1e3])
 
 
 def test_one_wait_dephases_as_several_do_on_average() -> None:
@@ -93,8 +93,8 @@ def fiber(a: tuple[str, str], b: tuple[str, str]) -> Fiber:
     return Fiber(FiberEnd(*a), FiberEnd(*b))
 
 
-def event(ms: float, node: str, kind: str, **told: Any) -> Event:
-    return Event(time_ns=round(ms * 1e6), node=node, kind=kind, **told)
+def event(ms: float, node: str, kind: str, **report: Any) -> Event:
+    return Event(time_ns=round(ms * 1e6), node=node, kind=kind, **report)
 
 
 def test_light_is_in_the_dark_while_no_way_stands_from_end_to_end() -> None:

@@ -1,7 +1,7 @@
 """Experiments of `qmn lab curves` in small, against the closed form that each is drawn beside.
 
-Where those forms are from is said there; test_small_curves.py and test_sweep_theory.py hold them
-against others. Bounds are five standard errors (Estimate.agrees).
+The experiments name the sources of those forms; test_small_curves.py and test_sweep_theory.py hold
+them against others. Bounds are five standard errors (Estimate.agrees).
 """
 
 from math import isnan
@@ -69,9 +69,9 @@ def test_an_experiment_measures_what_its_theory_says(name: str, given: Values) -
     compared = 0
     for each in experiment.measures:
         theory = each.theory(values)
-        told = Estimate(*found[each.name])
-        if theory is not None and not isnan(told.value):
-            assert told.agrees(theory), (each.name, told, theory)
-            assert told.error < (theory / 2 or 1e-3), f"{each.name} says nothing: {told}"
+        report = Estimate(*found[each.name])
+        if theory is not None and not isnan(report.value):
+            assert report.agrees(theory), (each.name, report, theory)
+            assert report.error < (theory / 2 or 1e-3), f"{each.name} says nothing: {report}"
             compared += 1
     assert compared

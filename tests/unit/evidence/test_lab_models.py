@@ -71,8 +71,8 @@ def test_ways_over_the_campus_lose_what_the_paper_says(way: str, published: floa
 
 def test_light_of_all_channels_makes_the_fidelity_of_the_pair_that_it_is_fitted_to() -> None:
     """F = 0.765 of alice and bailey, by the formula above for what comes to alice of her light."""
-    said = catalogue.lab("recovery").runs["wide"].split()
-    (mean,) = (float(each.rpartition("=")[2]) for each in said if "mean_pairs" in each)
+    lines = catalogue.lab("recovery").runs["wide"].split()
+    (mean,) = (float(each.rpartition("=")[2]) for each in lines if "mean_pairs" in each)
     comes = 10**-0.725
     others = mean * comes / 2
     visible = comes * exp(-others) / (1 - (1 - comes) * exp(-2 * others))
@@ -82,8 +82,8 @@ def test_light_of_all_channels_makes_the_fidelity_of_the_pair_that_it_is_fitted_
 def settings_of(band: str, dbm: float) -> dict[str, float]:
     """Return the numbers that a run beside classical light is given, by name."""
     words = globals_of("coexistence")["settings"](band, dbm)
-    said = dict(each.split("=") for each in words[1::2])
-    return {name: float(text) for name, text in said.items() if re.fullmatch(r"[\d.e-]+", text)}
+    texts = dict(each.split("=") for each in words[1::2])
+    return {name: float(text) for name, text in texts.items() if re.fullmatch(r"[\d.e-]+", text)}
 
 
 @pytest.mark.parametrize(
@@ -129,8 +129,8 @@ def test_visibility_of_thermal_pairs_is_that_of_all_numbers_of_pairs(noise: floa
         both += chance * clicks[0] * clicks[1]
         one, other = one + chance * clicks[0], other + chance * clicks[1]
     expected = (both - one * other) / (both + one * other)
-    told = theory.coincidence_visibility(mean, (here, there), (noise, noise))
-    assert told == pytest.approx(expected, rel=3e-3)
+    report = theory.coincidence_visibility(mean, (here, there), (noise, noise))
+    assert report == pytest.approx(expected, rel=3e-3)
 
 
 def test_fidelity_beside_traffic_is_that_of_the_supplement() -> None:
@@ -152,8 +152,8 @@ def test_fidelity_beside_traffic_is_that_of_the_supplement() -> None:
 
 def test_berlins_fibre_is_lit_as_the_line_beside_it_is_drawn() -> None:
     """What 18.7 dBm scatter is that of the lab of coexistence; and pairs are lost as they say."""
-    own, said = globals_of("city-fibre"), catalogue.lab("city-fibre").runs["60-km"].split()
-    given = dict(each.removeprefix("q1-bob.").split("=") for each in said if "q1-bob." in each)
+    own, text = globals_of("city-fibre"), catalogue.lab("city-fibre").runs["60-km"].split()
+    given = dict(each.removeprefix("q1-bob.").split("=") for each in text if "q1-bob." in each)
     power, lost, raman, _filter, middle, _window = own["CLASSICAL"]
     assert float(given["classical_mw"]) == power == pytest.approx(10**1.87, rel=1e-3)
     assert float(given["classical_db_per_km"]) == lost
@@ -193,4 +193,4 @@ def test_memories_of_sequence_keep_as_much_as_ours_are_given(
         assert own["fidelity"](kind, waits) == pytest.approx(expected, abs=6e-4)
     name, time_s = own["OURS"][kind]
     assert own["T_S"] / time_s == pytest.approx(decay)
-    assert f"alice.memory.{name}={time_s:g} " in own["said"](kind, 1000)
+    assert f"alice.memory.{name}={time_s:g} " in own["command_for"](kind, 1000)

@@ -105,18 +105,18 @@ def test_a_page_names_paper_and_parameters_and_what_is_not_reproduced(name: str)
 def test_every_run_of_a_lab_is_a_command(name: str, tmp_path: Path) -> None:
     lab = catalogue.lab(name)
     assert lab.runs
-    for said in lab.runs.values():
-        words = command_for(said, 1, tmp_path)
+    for text in lab.runs.values():
+        words = command_for(text, 1, tmp_path)
         arguments = described(words).parse_args(words)
         assert needs_of(arguments) is Needs.NETWORK
-        if said.startswith("script "):  # which says no more than these to the script
+        if text.startswith("script "):  # which says no more than these to the script
             assert arguments.file.is_file()
             assert arguments.words == ["--seed", "1", "--runs", str(tmp_path)]
         else:
             assert (arguments.seed, arguments.runs) == (1, tmp_path)
         if getattr(arguments, "service", "") == words[1]:  # else a job of another kind
             checked(service_request(arguments))
-        assert "--seed" not in shlex.split(said)
+        assert "--seed" not in shlex.split(text)
 
 
 def test_a_difference_is_in_standard_errors_of_all_three_kinds() -> None:
@@ -221,10 +221,10 @@ def test_a_run_tells_when_events_were_in_time_of_the_network(tmp_path: Path) -> 
 @pytest.mark.parametrize("km", [1, 10, 25])
 def test_sequences_links_take_the_rounds_that_their_page_says(km: int) -> None:
     """Six flights of light or word a round, the second if one has clicked; both succeed once."""
-    told = json.loads((catalogue.LABS / "link-times" / "sequence_links.json").read_text())
-    pairs, attempts, took_s = told["links"][str(km)]
+    content = json.loads((catalogue.LABS / "link-times" / "sequence_links.json").read_text())
+    pairs, attempts, took_s = content["links"][str(km)]
     light = 0.6 * 0.9 * 10 ** (-0.2 * km / 10)
-    assert (told["emitted"], told["detected"], told["db_per_km"]) == (0.6, 0.9, 0.2)
+    assert (content["emitted"], content["detected"], content["db_per_km"]) == (0.6, 0.9, 0.2)
     assert abs(pairs - attempts * light**2 / 2) < 5 * math.sqrt(pairs)
     one, both = light / 2, light * (1 - light) / 2 + light**2 / 8
     seconds = 6 * (1 + one + both) * km * 1e3 / 2.04e8
@@ -234,13 +234,13 @@ def test_sequences_links_take_the_rounds_that_their_page_says(km: int) -> None:
 @pytest.mark.parametrize("km", [1, 10, 25])
 def test_quisps_links_take_a_round_trip_and_ten_spacings_of_photons(km: int) -> None:
     """The station orders the next photon for so much later than its word can be there."""
-    told = json.loads((catalogue.LABS / "link-times" / "quisp_links.json").read_text())
-    pairs, attempts, took_s = told["links"][str(km)]
+    content = json.loads((catalogue.LABS / "link-times" / "quisp_links.json").read_text())
+    pairs, attempts, took_s = content["links"][str(km)]
     light = 0.6 * 0.9 * 10 ** (-0.2 * km / 10)
-    assert (told["emitted"], told["detected"], told["db_per_km"]) == (0.6, 0.9, 0.2)
+    assert (content["emitted"], content["detected"], content["db_per_km"]) == (0.6, 0.9, 0.2)
     assert abs(pairs - attempts * light**2 / 2) < 5 * math.sqrt(pairs)
     assert took_s == pytest.approx(attempts * (2 * km * 1e3 / 2.04e8 + 10 * 1e-6), rel=1e-6)
-    assert told["late_s"] == pytest.approx(10 * 1e-6)
+    assert content["late_s"] == pytest.approx(10 * 1e-6)
 
 
 def test_quisp_purifies_and_swaps_as_others_say() -> None:
@@ -258,10 +258,10 @@ def test_quisp_purifies_and_swaps_as_others_say() -> None:
         if "swapped" in figure:
             pair = (4 * figure["fidelity"] - 1) / 3
             read = 2 * figure["readout"] - 1
-            told = {"swapped": 1 / 4 + pair**2 * figure["gate"] * read * (2 + read) / 4}
+            reports = {"swapped": 1 / 4 + pair**2 * figure["gate"] * read * (2 + read) / 4}
         else:
-            told = {key: exact[figure["name"]][key] for key in ("purified", "success")}
-        for key, value in told.items():
+            reports = {key: exact[figure["name"]][key] for key in ("purified", "success")}
+        for key, value in reports.items():
             mean, error = figure[key]
             assert 0 < error < 0.02
             assert abs(mean - value) < 5 * error, (figure["name"], key)

@@ -27,9 +27,9 @@ print(shared_memory_mb())
 
 def test_processor_time_is_that_of_the_kernel() -> None:
     before = time.process_time()
-    told = this_process().processor_s
+    report = this_process().processor_s
     tick_s = 1 / os.sysconf("SC_CLK_TCK")
-    assert before - 2 * tick_s <= told <= time.process_time() + 2 * tick_s
+    assert before - 2 * tick_s <= report <= time.process_time() + 2 * tick_s
 
 
 @pytest.mark.nightly

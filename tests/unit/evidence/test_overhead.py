@@ -22,11 +22,11 @@ def test_a_share_is_of_the_bare_run_in_the_same_round() -> None:
         for rate, other in zip(bare, kept, strict=True)
     ]
     rounds[1][EVERYTHING] = Measured(350_000.0, packets_missed=2)
-    told = dict(compared(rounds))
-    assert told[f"qmn run sdc, {NOTHING}"] == "1,000,000 Bell pairs/s, 100% (100% to 100%)"
-    assert told[f"qmn run sdc, {EVERYTHING}"] == "900,000 Bell pairs/s, 80% (70% to 90%)"
-    assert told["  packets not captured"] == "2"
-    assert len(told) == len(KINDS) + 1
+    reports = dict(compared(rounds))
+    assert reports[f"qmn run sdc, {NOTHING}"] == "1,000,000 Bell pairs/s, 100% (100% to 100%)"
+    assert reports[f"qmn run sdc, {EVERYTHING}"] == "900,000 Bell pairs/s, 80% (70% to 90%)"
+    assert reports["  packets not captured"] == "2"
+    assert len(reports) == len(KINDS) + 1
 
 
 def test_every_second_round_goes_backwards() -> None:
@@ -36,9 +36,9 @@ def test_every_second_round_goes_backwards() -> None:
 
 def test_a_network_is_compared_with_the_sampler_of_its_own_round() -> None:
     rounds = [{EVERYTHING: Measured(rate)} for rate in (3e6, 8e6, 9e6)]
-    told = dict(beside_sampler("sampler", rounds, [2e6, 4e6, 9e6]))
-    assert told["sampler"] == "4,000,000 Bell pairs/s"
-    assert told[f"  times that, {EVERYTHING}"] == "1.50 (1.00 to 2.00)"
+    reports = dict(beside_sampler("sampler", rounds, [2e6, 4e6, 9e6]))
+    assert reports["sampler"] == "4,000,000 Bell pairs/s"
+    assert reports[f"  times that, {EVERYTHING}"] == "1.50 (1.00 to 2.00)"
 
 
 def test_the_sampler_makes_all_four_states_alike_often() -> None:

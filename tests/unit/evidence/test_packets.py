@@ -31,7 +31,7 @@ from topologies.catalogue.maps import read_map
 from wire.results.run_result import LoadSession
 
 GARR = read_map("garr")
-TOLD = json.loads((catalogue.LABS / "scheduling" / "reference.json").read_text())
+REFERENCE = json.loads((catalogue.LABS / "scheduling" / "reference.json").read_text())
 
 
 def two_or_more(slots: int, chance: float) -> float:
@@ -52,7 +52,7 @@ def test_a_window_is_the_shortest_in_which_nine_of_ten_packets_are_made(links: i
 def test_applications_are_those_of_the_authors_program(seed: int) -> None:
     found = drawn(tree_of(GARR, "rm2"), Pairs(), 30, seed)
     windows_s = sum(each.window for each in found) * 1e-4
-    assert windows_s == pytest.approx(TOLD["tree 4 edf"]["windows_s"][seed - 1])
+    assert windows_s == pytest.approx(REFERENCE["tree 4 edf"]["windows_s"][seed - 1])
 
 
 def test_there_is_a_timetable_where_the_authors_program_finds_one() -> None:
@@ -117,9 +117,9 @@ def test_who_gives_up_asks_for_the_next_once_and_has_no_light_any_more() -> None
     heard: list[tuple[Fate, float]] = []
     later = Asked(2.0, address(0, 2), address(1, 2), 0.5)
 
-    def then(told: Fate, now: float) -> Asked | None:
-        heard.append((told, now))
-        return later if told.reason else None
+    def then(report: Fate, now: float) -> Asked | None:
+        heard.append((report, now))
+        return later if report.reason else None
 
     both = [
         Asked(0.0, address(0, 0), address(1, 0), 1.0),
@@ -180,14 +180,14 @@ def test_one_packet_in_counted_time_waits_for_six_ways_of_messages() -> None:
     _network, switches = network_of(GARR)
     far_s = away(GARR, switches)
     ends = "rm1", "mi1"
-    (told,) = counted(GARR, [Planned(0.0, *ends, 0.01, 1.0)], Queue("edf"), 1.0)
+    (report,) = counted(GARR, [Planned(0.0, *ends, 0.01, 1.0)], Queue("edf"), 1.0)
     one, other = (far_s[switches[end]] for end in ends)
     least = 2 * one + 2 * other + 2 * max(one, other)
-    assert told.waited_s is not None
-    assert least - 1e-9 <= told.waited_s <= 2 * one + 2 * other + 2 * max(far_s.values())
-    share, took = of_counted([told, told])
+    assert report.waited_s is not None
+    assert least - 1e-9 <= report.waited_s <= 2 * one + 2 * other + 2 * max(far_s.values())
+    share, took = of_counted([report, report])
     assert share.value == 1.0
-    assert took.value == pytest.approx(told.waited_s + 0.01)
+    assert took.value == pytest.approx(report.waited_s + 0.01)
 
 
 def test_packets_of_a_network_count_as_made_where_they_were_accepted() -> None:

@@ -64,16 +64,16 @@ def test_every_row_names_its_paper_and_where_it_says_so() -> None:
 @pytest.mark.parametrize("figure", SEQUENCE, ids=itemgetter("name"))
 def test_a_round_of_purification_is_that_of_sequence(figure: dict[str, float]) -> None:
     """To the last digit of what SeQUeNCe 0.8.5 prints."""
-    told = theory.purified(figure["fidelity"], 1 - figure["gate"], 1 - figure["readout"])
-    assert told == pytest.approx((figure["purified"], figure["success"]), rel=1e-12)
+    report = theory.purified(figure["fidelity"], 1 - figure["gate"], 1 - figure["readout"])
+    assert report == pytest.approx((figure["purified"], figure["success"]), rel=1e-12)
 
 
 def test_hosts_purify_on_the_physical_layer_as_theory_says() -> None:
     given: Values = {"fidelity": 0.8, "two_qubit_depolarizing": 0.04, "readout_error": 0.02}
     experiment = EXPERIMENTS["purification"]
-    told = measure("purification", experiment.complete(given), 3)
-    assert Estimate(*told["fidelity"]).agrees(0.7997553136)  # SeQUeNCe 0.8.5
-    assert Estimate(*told["success"]).agrees(0.7283798528)
+    estimates = measure("purification", experiment.complete(given), 3)
+    assert Estimate(*estimates["fidelity"]).agrees(0.7997553136)  # SeQUeNCe 0.8.5
+    assert Estimate(*estimates["success"]).agrees(0.7283798528)
 
 
 @pytest.mark.parametrize(("length_km", "weak"), [(0.0, 0.1), (40.0, 0.12), (130.0, 0.05)])

@@ -25,7 +25,7 @@ SESSIONS = 1_500
 BATCHES = 20
 
 
-def told(
+def fates(
     requests: Sequence[Asked], queue: Queue, channels: int = 1, away_s: float = 0.0
 ) -> list[Fate]:
     arbiter = Arbiter(trunk(channels), FOR_EVER_S, FOR_EVER_S, queues=True, order=queue)
@@ -56,12 +56,12 @@ def test_priorities_wait_as_cobham_says() -> None:
     A. Cobham, Operations Research 2, 70 (1954).
     """
     load = 0.7
-    found = told(poisson(load, Random(1)), Queue("edf"))
+    found = fates(poisson(load, Random(1)), Queue("edf"))
     waits = [[each.waited_s or 0.0 for each in found if each.asked.priority == p] for p in (1, 0)]
     urgent = load / 3
     assert agrees(waits[0], load / (1 - urgent))
     assert agrees(waits[1], load / ((1 - load) * (1 - urgent)))
-    same = told(poisson(load, Random(1)), Queue("fcfs"))
+    same = fates(poisson(load, Random(1)), Queue("fcfs"))
     every = [each.waited_s or 0.0 for each in same if each.asked.priority]
     assert agrees(every, load / (1 - load))  # M/M/1, for any hosts
     assert not agrees(waits[0], load / (1 - load))
@@ -76,8 +76,8 @@ def test_by_earliest_deadline_none_is_late_if_none_need_be() -> None:
         Asked(0.0, address(0, n), address(1, n), 1.0, deadline_s=deadline)
         for n, deadline in enumerate(deadlines)
     ]
-    assert not any(each.reason for each in told(requests, Queue("edf")))
-    late = [each for each in told(requests, Queue("fcfs")) if each.reason]
+    assert not any(each.reason for each in fates(requests, Queue("edf")))
+    late = [each for each in fates(requests, Queue("fcfs")) if each.reason]
     assert late
     assert {each.reason for each in late} == {"TOO_LATE"}
 
@@ -86,9 +86,9 @@ def test_who_has_no_light_within_its_slot_since_switches_are_far_is_too_late() -
     """A barrier takes 80 ms there and back, a slot 30: nobody ever has light, all are answered."""
     ends = address(0, 0), address(1, 0)
     requests = [Asked(at_s, *ends, 0.01, deadline_s=0.5) for at_s in (0.0, 1.0, 2.0)]
-    found = told(requests, Queue("slots", 0.03), away_s=0.04)
+    found = fates(requests, Queue("slots", 0.03), away_s=0.04)
     assert [each.reason for each in found] == ["TOO_LATE"] * 3
-    (alone,) = told([Asked(0.0, *ends, 0.01)], Queue("slots", 0.3), away_s=0.04)
+    (alone,) = fates([Asked(0.0, *ends, 0.01)], Queue("slots", 0.3), away_s=0.04)
     assert alone.waited_s == pytest.approx(0.3 + 5 * 0.04)  # slot 1, a barrier, three ways
 
 
@@ -103,7 +103,7 @@ def test_slots_wait_as_a_slotted_queue_does() -> None:
         Asked(each.at_s, each.opener, each.acceptor, 0.3)
         for each in poisson(load, Random(1), constant=True)
     ]
-    waits = [each.waited_s or 0.0 for each in told(requests, Queue("slots", 1.0))]
+    waits = [each.waited_s or 0.0 for each in fates(requests, Queue("slots", 1.0))]
     assert agrees(waits, 0.5 + load / (2 * (1 - load)))
     assert not agrees(waits, load / (2 * (1 - load)))
 
@@ -113,7 +113,7 @@ def test_who_is_admitted_to_a_slot_has_it_in_time_and_others_hear_at_once() -> N
         Asked(each.at_s, each.opener, each.acceptor, 1.0, deadline_s=2.5)
         for each in poisson(1.5, Random(1), constant=True)[:600]
     ]
-    found = told(requests, Queue("slots", 1.0))
+    found = fates(requests, Queue("slots", 1.0))
     admitted = [each for each in found if each.light_s is not None]
     assert 300 < len(admitted) < 450  # of 400 slots, about
     assert all(each.waited_s is not None and each.waited_s <= 2.5 for each in admitted)
@@ -127,13 +127,13 @@ def test_who_is_admitted_to_a_slot_has_it_in_time_and_others_hear_at_once() -> N
 
 def test_two_fibres_carry_two_in_a_slot() -> None:
     requests = [Asked(0.0, address(0, n), address(1, n), 0.3) for n in range(6)]
-    found = told(requests, Queue("slots", 0.5), channels=2)
+    found = fates(requests, Queue("slots", 0.5), channels=2)
     assert [each.light_s for each in found] == pytest.approx([0.5, 0.5, 1.0, 1.0, 1.5, 1.5])
 
 
 def test_light_is_there_when_messages_have_gone_their_ways() -> None:
     """To the controller, to the switches and back, to the acceptor and back, to the opener."""
-    (found,) = told([Asked(1.0, address(0, 0), address(1, 0), 1.0)], Queue(), away_s=0.01)
+    (found,) = fates([Asked(1.0, address(0, 0), address(1, 0), 1.0)], Queue(), away_s=0.01)
     assert found.waited_s == pytest.approx(0.01 * (1 + 2 + 2 + 1))
 
 

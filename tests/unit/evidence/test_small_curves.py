@@ -39,61 +39,63 @@ def test_photons_beside_classical_light(way: str, gain: float, qber: float) -> N
     By a sum over all numbers of photons in either detector, whose second click is a coin.
     """
     given: Values = {"classical_way": way, "pairs": 200_000}
-    told = measure("classical-light", complete("classical-light", given), SEED)
-    assert abs(told["gain"][0] - gain) < 5 * sqrt(gain * (1 - gain) / 200_000)
-    assert abs(told["qber"][0] - qber) < 5 * sqrt(qber * (1 - qber) / (200_000 * gain))
+    estimates = measure("classical-light", complete("classical-light", given), SEED)
+    assert abs(estimates["gain"][0] - gain) < 5 * sqrt(gain * (1 - gain) / 200_000)
+    assert abs(estimates["qber"][0] - qber) < 5 * sqrt(qber * (1 - qber) / (200_000 * gain))
 
 
 def test_entangled_pairs_err_as_their_fibre_depolarises() -> None:
     """A click in c = 1 - (1 - .1) (1 - 6e-7)^2; (1 - .99 (.1 (1 - 6e-7) / c)^2)/2 of c^2 differ."""
-    told = measure("pair-keys", complete("pair-keys", {"pairs": 6_000_000}), SEED)
+    estimates = measure("pair-keys", complete("pair-keys", {"pairs": 6_000_000}), SEED)
     click = 1 - 0.9 * (1 - 6e-7) ** 2
     seen = 6_000_000 * click**2 / 2  # in bases that are alike
     qber = (1 - 0.99 * (0.1 * (1 - 6e-7) / click) ** 2) / 2
-    assert abs(told["qber"][0] - qber) < 5 * sqrt(qber / seen)
+    assert abs(estimates["qber"][0] - qber) < 5 * sqrt(qber / seen)
 
 
 def test_pairs_are_handed_over_as_their_sample_lets_expect() -> None:
     """(1 + 2 w e^-1 + w e^-.5 + (1 - e^-.25)^2)/4, w = (4 x .95 - 1)/3, and .95 at the sample."""
-    told = measure("fidelity-age", complete("fidelity-age", {"waited_s": 0.05}), SEED)
-    error = told["delivered"][1]
-    assert abs(told["estimate"][0] - 0.95) < 5 * error
+    estimates = measure("fidelity-age", complete("fidelity-age", {"waited_s": 0.05}), SEED)
+    error = estimates["delivered"][1]
+    assert abs(estimates["estimate"][0] - 0.95) < 5 * error
     right, of_each = (1 + 2.8 / 3) / 2, PAIRS / 2 / 3  # every other block, in each of three bases
     likely = sqrt(3 * right * (1 - right) / of_each) / 2
-    assert told["estimate"][1] == pytest.approx(likely, rel=0.1)
-    assert abs(told["expected"][0] - 0.5754337) < 5 * error
-    assert abs(told["delivered"][0] - 0.5754337) < 5 * error
+    assert estimates["estimate"][1] == pytest.approx(likely, rel=0.1)
+    assert abs(estimates["expected"][0] - 0.5754337) < 5 * error
+    assert abs(estimates["delivered"][0] - 0.5754337) < 5 * error
 
 
 def test_pairs_are_made_for_those_that_are_wanted_and_the_sample() -> None:
     """Twelve and a sample of 30, 1.05 x 42 + 1 = 45.1: as are made where all of them come."""
-    told = measure("overhead", EXPERIMENTS["overhead"].complete({"requests": 3}), SEED)
-    assert told["made"] == (46 / 12, 0)
+    estimates = measure("overhead", EXPERIMENTS["overhead"].complete({"requests": 3}), SEED)
+    assert estimates["made"] == (46 / 12, 0)
 
 
 @pytest.mark.nightly
 def test_what_is_enumerated_of_pairs_made_is_a_series_where_one_is_wanted() -> None:
     """3 + 12/2^3 + 48/2^15 + 192/2^63 + ...: four times as much each time that nothing comes."""
     given: Values = {"wanted": 1, "sample": 0.0, "loss_db": 10 * log10(2), "requests": 300}
-    values, told = EXPERIMENTS["overhead"].complete(given), 3 + 12 / 8 + 48 / 2**15
-    assert EXPERIMENTS["overhead"].measure("made").theory(values) == pytest.approx(told, abs=1e-6)
+    values, report = EXPERIMENTS["overhead"].complete(given), 3 + 12 / 8 + 48 / 2**15
+    assert EXPERIMENTS["overhead"].measure("made").theory(values) == pytest.approx(report, abs=1e-6)
     found, error = measure("overhead", values, SEED)["made"]
-    assert abs(found - told) < 5 * error
+    assert abs(found - report) < 5 * error
 
 
 def test_a_memory_heralds_what_has_come_and_what_has_not() -> None:
     """Of a tenth that comes .8, and of the rest a hundredth: .089, of which .08 are photons."""
     given: Values = {"loss_db": 10.0, "herald_efficiency": 0.8, "false_herald": 0.01}
-    told = measure("memory-heralds", complete("memory-heralds", given), SEED)
-    assert abs(told["heralded"][0] - 0.089) < 5 * sqrt(0.089 / PAIRS)
-    assert abs(told["there"][0] - 0.08 / 0.089) < 5 * sqrt(0.09 / (0.089 * PAIRS))
+    estimates = measure("memory-heralds", complete("memory-heralds", given), SEED)
+    assert abs(estimates["heralded"][0] - 0.089) < 5 * sqrt(0.089 / PAIRS)
+    assert abs(estimates["there"][0] - 0.08 / 0.089) < 5 * sqrt(0.09 / (0.089 * PAIRS))
 
 
 @pytest.mark.parametrize(("hosts", "p", "fidelity"), [(3, 0.1, 0.85625), (5, 0.3, 0.3810531)])
 def test_ghz_states_over_links_that_depolarise(hosts: int, p: float, fidelity: float) -> None:
     """(.95^2 + .9^2)/2 and (.85^4 + .7^4)/2: half the mean of stabilisers of either kind."""
-    told = measured("ghz", "fidelity", hosts=hosts, depolarizing=p)
-    assert abs(told - fidelity) < 5 * sqrt(1.25 / (PAIRS / 2))  # of a coherence, and half a share
+    estimates = measured("ghz", "fidelity", hosts=hosts, depolarizing=p)
+    assert abs(estimates - fidelity) < 5 * sqrt(
+        1.25 / (PAIRS / 2)
+    )  # of a coherence, and half a share
 
 
 @pytest.mark.parametrize(
@@ -107,8 +109,8 @@ def test_ghz_states_over_links_that_depolarise(hosts: int, p: float, fidelity: f
 def test_graph_states_over_links_that_depolarise(
     graph: str, hosts: int, p: float, fidelity: float
 ) -> None:
-    told = measured("graph", "fidelity", graph=graph, hosts=hosts, depolarizing=p)
-    assert abs(told - fidelity) < 5 / sqrt(PAIRS)
+    estimates = measured("graph", "fidelity", graph=graph, hosts=hosts, depolarizing=p)
+    assert abs(estimates - fidelity) < 5 / sqrt(PAIRS)
 
 
 @pytest.mark.parametrize(
@@ -120,11 +122,11 @@ def test_conference_keys_over_links_that_depolarise(
 ) -> None:
     """Q = (1 - (1 - p)^(N - 1))/2 in X, and of the last host in Z; 1 - 2 h(Q) of each bit."""
     for name in ("qber_x", "qber_z"):
-        told = measured("conference", name, hosts=hosts, depolarizing=p)
-        assert abs(told - qber) < 5 * sqrt(qber * (1 - qber) / (PAIRS / 2))
+        estimates = measured("conference", name, hosts=hosts, depolarizing=p)
+        assert abs(estimates - qber) < 5 * sqrt(qber * (1 - qber) / (PAIRS / 2))
     slope = 2 * abs(log2(qber / (1 - qber)))
-    told = measured("conference", "key", hosts=hosts, depolarizing=p)
-    assert abs(told - key) < 5 * slope * sqrt(qber / (PAIRS / 2)) + 1e-4
+    estimates = measured("conference", "key", hosts=hosts, depolarizing=p)
+    assert abs(estimates - key) < 5 * slope * sqrt(qber / (PAIRS / 2)) + 1e-4
 
 
 @pytest.mark.by_day(every=3)
@@ -169,9 +171,9 @@ def test_the_mean_phase_is_told_at_its_limit(
     given: Values = {"probes": probes, "hosts": hosts, "estimates": 100}
     given |= {"depolarizing": p, "efficiency": efficiency}
     values = EXPERIMENTS["sensing"].complete(given)
-    told, spread = measure("sensing", values, SEED)["mean_error"]
-    assert spread == pytest.approx(told / sqrt(200))
-    assert abs(told - error) < 5 * error / sqrt(200)
+    report, spread = measure("sensing", values, SEED)["mean_error"]
+    assert spread == pytest.approx(report / sqrt(200))
+    assert abs(report - error) < 5 * error / sqrt(200)
 
 
 @pytest.mark.parametrize("protocol", ["bbm92", "e91"])
@@ -182,11 +184,11 @@ def test_pairs_are_seen_as_often_and_err_as_often_as_an_enumeration_has_it(proto
     for his_photon, her_photon in ((1, 1), (1, 0), (0, 1), (0, 0)):
         ends = [seen if photon else 1 - seen for photon in (his_photon, her_photon)]
         for wrong in (0, 1):  # of the photons, if both are seen
-            told = [told_by(photon, dark) for photon in (his_photon, her_photon)]
+            reports = [told_by(photon, dark) for photon in (his_photon, her_photon)]
             flip = wrong if his_photon and her_photon else 0
             share = ends[0] * ends[1] * (error if wrong else 1 - error)
-            same = told[0][0] * told[1][0] + told[0][1] * told[1][1]
-            other = told[0][0] * told[1][1] + told[0][1] * told[1][0]
+            same = reports[0][0] * reports[1][0] + reports[0][1] * reports[1][1]
+            other = reports[0][0] * reports[1][1] + reports[0][1] * reports[1][0]
             alike += share * (other if flip else same)
             differ += share * (same if flip else other)
     gain, pairs = alike + differ, 400_000
@@ -221,9 +223,11 @@ def test_dark_counts_and_several_pairs_err_as_the_closed_form_has_it(
     (qber,) = (each for each in EXPERIMENTS[experiment].measures if each.name == "qber")
     expected = qber.theory(values)
     assert expected is not None
-    told = measure(experiment, values, SEED)
-    assert Estimate(*told["qber"]).agrees(expected)
-    assert told.keys() == {each.name for each in EXPERIMENTS[experiment].measures}  # for its table
+    estimates = measure(experiment, values, SEED)
+    assert Estimate(*estimates["qber"]).agrees(expected)
+    assert estimates.keys() == {
+        each.name for each in EXPERIMENTS[experiment].measures
+    }  # for its table
 
 
 def test_a_relay_tells_as_much_of_lasers_as_the_published_forms_say() -> None:
@@ -241,12 +245,12 @@ def test_a_relay_tells_as_much_of_lasers_as_the_published_forms_say() -> None:
     qber = wrong / gain
     assert abs(found["qber"][0] - qber) < 5 * sqrt(qber / (gain * signals))
     half = sqrt(0.5)
-    told, errs = relayed(seen, (half, half), (half, -half), {"Psi+": 0, "Psi-": 1})
+    report, errs = relayed(seen, (half, half), (half, -half), {"Psi+": 0, "Psi-": 1})
     formula = relay_theory.diagonal(seen, seen, DARK, MISALIGNED)
-    assert formula == pytest.approx((told, errs), rel=1e-9)
-    qber = errs / told
+    assert formula == pytest.approx((report, errs), rel=1e-9)
+    qber = errs / report
     assert 0.24 < qber < 0.25  # a quarter by pairs of one end, and of the others few
-    assert abs(found["qber_x"][0] - qber) < 5 * sqrt(qber / (told * signals))
+    assert abs(found["qber_x"][0] - qber) < 5 * sqrt(qber / (report * signals))
 
 
 @pytest.mark.by_day(every=4)

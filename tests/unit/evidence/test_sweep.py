@@ -110,9 +110,9 @@ def test_known_points_are_not_measured_again(
     table = tmp_path / "teleport.csv"
     table.write_text(header + known + second[:9])  # as a killed sweep leaves it
     assert run("sweep", "teleport", *POINTS, *scheduler, "--out", str(tmp_path)) == 0
-    said = capsys.readouterr().out
-    assert "3 points, seed 1; 1 are in" in said
-    assert "its last line was half written" in said
+    text = capsys.readouterr().out
+    assert "3 points, seed 1; 1 are in" in text
+    assert "its last line was half written" in text
     lines = table.read_text().splitlines(keepends=True)
     assert lines[:2] == [header, known]
     assert sorted(lines[2:]) == sorted([second, third])
@@ -223,10 +223,10 @@ def test_a_point_that_theory_does_not_explain_fails_the_command_and_is_named(
     # A theory that takes F for the fidelity of the teleported state: right for F = 1 alone.
     monkeypatch.setattr(theory, "teleported_fidelity", lambda fidelity: fidelity)
     assert run("curves", "--only", "small", "--out", str(tmp_path), *scheduler) == 1
-    said = capsys.readouterr().err
-    assert "teleport at fidelity 0.5, pairs 60000: teleported 0.66" in said
-    assert "theory 0.5" in said
-    assert said.count("more than 5 standard errors away") == 1
+    text = capsys.readouterr().err
+    assert "teleport at fidelity 0.5, pairs 60000: teleported 0.66" in text
+    assert "theory 0.5" in text
+    assert text.count("more than 5 standard errors away") == 1
 
 
 def test_a_point_at_which_nothing_could_be_measured_fails_the_command_and_is_named(
@@ -254,10 +254,10 @@ def test_every_published_figure_is_reproduced(
     """The command itself: what papers and other programs state is what the row compares with."""
     monkeypatch.setenv("COLUMNS", "200")
     assert run("curves", "--only", "published", "--out", str(tmp_path), *scheduler) == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert f"{len(published.rows())} published figures, 0 too far" in said
+    text = " ".join(capsys.readouterr().out.split())
+    assert f"{len(published.rows())} published figures, 0 too far" in text
     for source in ("arXiv:1609.00713", "arXiv:1311.7129", "arXiv:2404.08626", "nature15759"):
-        assert source in said
+        assert source in text
     assert not list(tmp_path.iterdir())  # no sheet was measured
 
 
@@ -272,10 +272,10 @@ def test_a_published_figure_that_is_not_ours_fails_the_command_and_is_named(
     row = PublishedRow("arXiv:1", "bits", stated, itemgetter("capacity"), [("sdc", {})])
     monkeypatch.setattr(published, "rows", lambda: [row])
     assert run("curves", "--only", "published", "--out", str(tmp_path), *scheduler) == 1
-    told = capsys.readouterr()
-    assert "+10.0 TOO FAR" in told.out
-    assert "bits: 2.0000" in told.err
-    assert "published 1.900 ± 0.010 (arXiv:1: table I)" in told.err
+    output = capsys.readouterr()
+    assert "+10.0 TOO FAR" in output.out
+    assert "bits: 2.0000" in output.err
+    assert "published 1.900 ± 0.010 (arXiv:1: table I)" in output.err
 
 
 def test_unknown_curves_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -296,10 +296,10 @@ def test_help_of_an_experiment_is_of_its_parameters(
 ) -> None:
     with pytest.raises(SystemExit) as ended:
         parse(*words)
-    told = capsys.readouterr().out
+    output = capsys.readouterr().out
     assert ended.value.code == 0
-    assert shown in told
-    assert hidden not in told
+    assert shown in output
+    assert hidden not in output
 
 
 SHEET = """

@@ -59,5 +59,5 @@ def test_without_draws_there_is_no_number() -> None:
 
 def _assert_spread(estimates: list[Estimate]) -> None:
     spread = np.std([each.value for each in estimates])
-    said = np.mean([each.error for each in estimates])
-    assert said == pytest.approx(spread, rel=0.18)
+    text = np.mean([each.error for each in estimates])
+    assert text == pytest.approx(spread, rel=0.18)

@@ -85,8 +85,8 @@ def test_several_pairs_give_the_error_rate_of_an_enumeration(
     statistics: str, mean: float, arrives: float, figure: float
 ) -> None:
     """Figures of tests/unit/dispatcher/test_further_pairs.py, which goes through all cases."""
-    told = theory.several_pairs(statistics, mean, (arrives, arrives))
-    assert told[0] == pytest.approx(figure, abs=6e-5)
+    report = theory.several_pairs(statistics, mean, (arrives, arrives))
+    assert report[0] == pytest.approx(figure, abs=6e-5)
 
 
 @pytest.mark.parametrize(("mine", "yours"), [(0.68, 0.02), (0.1, 0.9)])
@@ -95,7 +95,7 @@ def test_halves_that_are_lost_unequally_err_as_all_numbers_of_pairs_say(
 ) -> None:
     """Of n pairs k have bit 0; an end that sees both bits tells a coin."""
 
-    def told(zeros: int, ones: int, arrives: float) -> tuple[float, float]:
+    def report(zeros: int, ones: int, arrives: float) -> tuple[float, float]:
         zero, one = (1 - (1 - arrives) ** count for count in (zeros, ones))
         return zero * (1 - one) + zero * one / 2, one * (1 - zero) + zero * one / 2
 
@@ -104,7 +104,7 @@ def test_halves_that_are_lost_unequally_err_as_all_numbers_of_pairs_say(
         for zeros in range(pairs + 1):
             chance = math.exp(-mean) * mean**pairs / math.factorial(pairs)
             chance *= math.comb(pairs, zeros) / 2**pairs
-            hers, his = (told(zeros, pairs - zeros, each) for each in (mine, yours))
+            hers, his = (report(zeros, pairs - zeros, each) for each in (mine, yours))
             both += chance * sum(hers) * sum(his)
             wrong += chance * (hers[0] * his[1] + hers[1] * his[0])
     found = theory.several_pairs("poisson", mean, (mine, yours))
@@ -124,7 +124,7 @@ def test_several_pairs_err_with_dark_counts_as_all_numbers_of_pairs_say(
 
     darks = dark if isinstance(dark, tuple) else (dark, dark)
 
-    def told(zeros: int, ones: int, arrives: float, dark: float) -> tuple[float, float]:
+    def report(zeros: int, ones: int, arrives: float, dark: float) -> tuple[float, float]:
         zero, one = (1 - (1 - dark) * (1 - arrives) ** count for count in (zeros, ones))
         return zero * (1 - one) + zero * one / 2, one * (1 - zero) + zero * one / 2
 
@@ -136,8 +136,8 @@ def test_several_pairs_err_with_dark_counts_as_all_numbers_of_pairs_say(
         chance = math.exp(-mean) * mean**pairs / 2**pairs
         chance *= (1 - error) ** (zeros + ones) * error ** (zero_one + one_zero)
         chance /= math.prod(map(math.factorial, counts))
-        hers = told(zeros + zero_one, ones + one_zero, ways[0], darks[0])
-        his = told(zeros + one_zero, ones + zero_one, ways[1], darks[1])
+        hers = report(zeros + zero_one, ones + one_zero, ways[0], darks[0])
+        his = report(zeros + one_zero, ones + zero_one, ways[1], darks[1])
         both += chance * sum(hers) * sum(his)
         wrong += chance * (hers[0] * his[1] + hers[1] * his[0])
     found = theory.several_pairs("poisson", mean, ways, dark, error)

@@ -147,10 +147,10 @@ def test_erlang_b_is_that_of_the_tables() -> None:
 
 
 def outcome(opener: str, kind: str = ACCEPTED, reason: str = "", **more: object) -> Outcome:
-    told = Outcome(Planned(0.0, opener, "h9", 0.1), opener, "h9", 0.0, kind, reason)
+    report = Outcome(Planned(0.0, opener, "h9", 0.1), opener, "h9", 0.0, kind, reason)
     for name, value in more.items():
-        setattr(told, name, value)
-    return told
+        setattr(report, name, value)
+    return report
 
 
 def test_jain_s_index_is_one_if_all_fare_alike_and_a_third_if_one_of_three_has_all() -> None:
@@ -164,9 +164,12 @@ def test_jain_s_index_is_one_if_all_fare_alike_and_a_third_if_one_of_three_has_a
 
 
 def test_every_session_is_counted_once() -> None:
-    told = [outcome("h1", setup_s=0.25, ended_s=2.0, summary={"pairs": 6}), outcome("h2", "late")]
-    told += [outcome("h1", BLOCKED, "BUSY"), outcome("h3", BLOCKED, "BUSY"), outcome("h3", "")]
-    found = summary(told, [])
+    reports = [
+        outcome("h1", setup_s=0.25, ended_s=2.0, summary={"pairs": 6}),
+        outcome("h2", "late"),
+    ]
+    reports += [outcome("h1", BLOCKED, "BUSY"), outcome("h3", BLOCKED, "BUSY"), outcome("h3", "")]
+    found = summary(reports, [])
     assert (found.offered, found.accepted, found.late, found.forgotten) == (5, 1, 1, 1)
     assert (found.blocked, found.broken) == ({"BUSY": 2}, {})
     assert found.setup_s == Shares(0.25, 0.25, 0.25, 1)
@@ -175,8 +178,8 @@ def test_every_session_is_counted_once() -> None:
 
 def test_the_load_is_that_of_sessions_by_littles_law() -> None:
     """A session a second, each a quarter of a second without light and two with it."""
-    told = [outcome("h1", asked_s=at, setup_s=0.25, ended_s=at + 2.25) for at in range(100)]
-    found = summary(told, [])
+    reports = [outcome("h1", asked_s=at, setup_s=0.25, ended_s=at + 2.25) for at in range(100)]
+    found = summary(reports, [])
     assert found.offered_per_s == pytest.approx(100 / 99)
     assert found.at_a_time == 3
     assert found.carried == pytest.approx(100 * 2 / 101.25)
@@ -212,19 +215,19 @@ def test_the_controller_s_record_says_who_waited_for_whom() -> None:
 
 
 def test_the_hosts_with_the_longest_waits_are_shown() -> None:
-    told = [LoadWait("", f"h{n:02}", "", 0.0, n + 1.0, "", "src", "") for n in range(30)]
-    assert set(waited(told)) == {(f"h{n}", "src") for n in range(15, 30)}  # and src: 16
+    reports = [LoadWait("", f"h{n:02}", "", 0.0, n + 1.0, "", "src", "") for n in range(30)]
+    assert set(waited(reports)) == {(f"h{n}", "src") for n in range(15, 30)}  # and src: 16
 
 
 def test_who_waited_has_a_row_and_whose_light_it_was_a_column() -> None:
     """Of two that waited for the light of three: each wait is drawn where both meet."""
-    told = [("h1", "a", 1.0), ("h1", "c", 3.0), ("h2", "b", 5.0), ("h2", "c", 7.0)]
+    reports = [("h1", "a", 1.0), ("h1", "c", 3.0), ("h2", "b", 5.0), ("h2", "c", 7.0)]
     drawn = waits_diagram(
-        [LoadWait("", host, "", 0.0, waited_s, "", other, "") for host, other, waited_s in told]
+        [LoadWait("", host, "", 0.0, waited_s, "", other, "") for host, other, waited_s in reports]
     )
     found = re.findall(r'<text[^>]* x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]*)<', drawn)
     place = {text: (float(x), float(y)) for x, y, text in found}
-    for host, other, waited_s in told:
+    for host, other, waited_s in reports:
         x, y = place[f"{waited_s:.2g}"]
         assert abs(x - place[other][0]) < 1, "under the name of its column"
         assert abs(y - place[host][1]) < 8, "in the row of its name"
@@ -234,8 +237,8 @@ def test_who_waited_has_a_row_and_whose_light_it_was_a_column() -> None:
 
 def test_a_third_of_the_outcomes_in_each_basis_gives_the_fidelity_of_a_werner_pair() -> None:
     """Halves agree as those of Phi+ with probability (1 + c) / 2, where F = (1 + 3c) / 4."""
-    told = outcome("h1", measured=dict.fromkeys("XYZ", 1000), right=dict.fromkeys("XYZ", 900))
-    (found,) = fidelity_by_age([told])
+    report = outcome("h1", measured=dict.fromkeys("XYZ", 1000), right=dict.fromkeys("XYZ", 900))
+    (found,) = fidelity_by_age([report])
     assert found.fidelity == pytest.approx((1 + 3 * 0.8) / 4)
     # Var F = (1/4)^2 * 3 * 4 * s (1 - s) / n
     assert found.standard_error == pytest.approx(sqrt(3 / 4 * 0.9 * 0.1 / 1000))
@@ -244,11 +247,11 @@ def test_a_third_of_the_outcomes_in_each_basis_gives_the_fidelity_of_a_werner_pa
 @pytest.mark.parametrize("sessions", [1, 4, 6, 23])
 def test_a_fifth_of_the_sessions_is_in_each_portion_by_age(sessions: int) -> None:
     outcomes_of_a_basis = dict.fromkeys("XYZ", 1)
-    told = [
+    reports = [
         outcome("h1", age_s=float(age), measured=outcomes_of_a_basis, right=outcomes_of_a_basis)
         for age in range(sessions)
     ]
-    portions = [each.pairs // 3 for each in fidelity_by_age(told)]
+    portions = [each.pairs // 3 for each in fidelity_by_age(reports)]
     assert (sum(portions), len(portions)) == (sessions, min(sessions, 5))
     assert max(portions) - min(portions) <= 1
 

@@ -30,8 +30,8 @@ from wire.network_time import (
 
 LEAPS, MANY_LEAPS = 150, 100_000
 LEAP_S = 0.02  # at most, on a busy machine
-# Works when a message or a deadline comes: computes, and then sends a message or waits. Who sends
-# counts work that begins, and who has done it that it is over.
+# Works when a message or a deadline comes: computes, and then sends a message or waits. The sender
+# counts work that begins, and the worker its end.
 PARTY = """
 import mmap, random, select, socket, sys, time
 from wire.network_time import NEVER, GateClient, SteppedTime
@@ -129,9 +129,9 @@ def test_the_gate_names_what_lets_the_clock_stand() -> None:
     with stepping(held_s=0.5) as gate, busy, GateClientOf(gate) as client:
         gate.watch(busy.pid)
         client.wait_for(SINCE_NS + 1)
-        said = gate.says()
+        text = gate.says()
         busy.kill()
-    assert said.startswith(f"the clock has stood for 0.5 s: {busy.pid} (python"), said
+    assert text.startswith(f"the clock has stood for 0.5 s: {busy.pid} (python"), text
 
 
 def test_a_later_network_in_the_same_folder_has_a_clock_of_its_own() -> None:

@@ -53,8 +53,8 @@ PATHS = {
 }  # of all others: pairs to both ends
 PAIRS = [(4, 1), (5, 2)]
 NOBODY = "there was no session"
-# gRPC has one queue for all loops of a process: an answer to a call of a test that is over comes
-# to whoever runs now.
+# gRPC has one queue for all loops of a process: an answer to a call of an earlier test comes to
+# the test that runs now.
 ENDED_LOOP = re.compile(r"PollerCompletionQueue.*RuntimeError\('Event loop is closed'\)")
 
 Fields = dict[str, Any]
@@ -63,7 +63,7 @@ Sockets = dict[str, StackSocket]
 
 
 @dataclass(frozen=True)
-class Told:
+class Outcome:
     """The result of a session for an application."""
 
     error: QuantumSocketError | None
@@ -83,9 +83,9 @@ async def running(
     problems: list[str] = []
 
     def note(_loop: asyncio.AbstractEventLoop, what: dict[str, Any]) -> None:
-        said = f"{what['message']}: {what.get('exception')!r}"
-        if not ENDED_LOOP.search(said):
-            problems.append(said)
+        text = f"{what['message']}: {what.get('exception')!r}"
+        if not ENDED_LOOP.search(text):
+            problems.append(text)
 
     asyncio.get_running_loop().set_exception_handler(note)
     stacks: Stacks = {}
@@ -114,7 +114,7 @@ def _under_way(stacks: Stacks) -> list[str]:
 
 def session(
     folder: Path, service: str, sockets: Sockets | None = None, **options: Any
-) -> tuple[Told, Told]:
+) -> tuple[Outcome, Outcome]:
     """Have a session of a service between alice and bob; return both results.
 
     Their sockets can be found in `sockets` meanwhile.
@@ -142,7 +142,7 @@ async def takes_part(name: str, sockets: Sockets) -> StackSocket:
     return sockets[name]
 
 
-def _ask(folder: Path, service: str, sockets: Sockets, options: Fields) -> Told:
+def _ask(folder: Path, service: str, sockets: Sockets, options: Fields) -> Outcome:
     with ServiceSocket(folder / "alice.sock") as alice:
         alice.settimeout(SOON_S)
         sockets["alice"] = alice
@@ -150,8 +150,8 @@ def _ask(folder: Path, service: str, sockets: Sockets, options: Fields) -> Told:
             list(alice.request(service, ("bob", PORT), **options))
             alice.shutdown()
         except QuantumSocketError as error:
-            return Told(error, alice.summary)
-        return Told(None, alice.summary)
+            return Outcome(error, alice.summary)
+        return Outcome(None, alice.summary)
 
 
 def _accept(
@@ -160,7 +160,7 @@ def _accept(
     sockets: Sockets,
     listening: "Future[None]",
     over: "Future[Callable[[], None]]",
-) -> Told:
+) -> Outcome:
     with ServiceSocket(folder / "bob.sock") as listener:
         listener.settimeout(SOON_S)
         listener.listen(PORT, service)
@@ -168,7 +168,7 @@ def _accept(
         listening.set_result(None)
         bob = _connection(listener)
         if bob is None:
-            return Told(QuantumSocketError(NOBODY), {})
+            return Outcome(QuantumSocketError(NOBODY), {})
         bob.settimeout(SOON_S)
         sockets["bob"] = bob  # which may be closed from now on
         with bob:
@@ -176,11 +176,11 @@ def _accept(
                 while not bob.over:
                     list(bob.results())
             except QuantumSocketError as error:
-                return Told(error, bob.summary)
-            return Told(None, bob.summary)
+                return Outcome(error, bob.summary)
+            return Outcome(None, bob.summary)
 
 
-def _send(folder: Path, _service: str, sockets: Sockets, options: Fields) -> Told:
+def _send(folder: Path, _service: str, sockets: Sockets, options: Fields) -> Outcome:
     with QuantumSocket(folder / "alice.sock") as alice:
         alice.settimeout(SOON_S)
         sockets["alice"] = alice
@@ -190,8 +190,8 @@ def _send(folder: Path, _service: str, sockets: Sockets, options: Fields) -> Tol
             alice.sendall(data)
             alice.shutdown()
         except QuantumSocketError as error:
-            return Told(error, alice.statistics)
-        return Told(None, alice.statistics)
+            return Outcome(error, alice.statistics)
+        return Outcome(None, alice.statistics)
 
 
 def _receive(
@@ -201,7 +201,7 @@ def _receive(
     sockets: Sockets,
     listening: "Future[None]",
     over: "Future[Callable[[], None]]",
-) -> Told:
+) -> Outcome:
     with QuantumSocket(folder / "bob.sock") as listener:
         listener.settimeout(SOON_S)
         listener.listen(PORT)
@@ -209,7 +209,7 @@ def _receive(
         listening.set_result(None)
         bob = _connection(listener)
         if bob is None:
-            return Told(QuantumSocketError(NOBODY), {})
+            return Outcome(QuantumSocketError(NOBODY), {})
         bob.settimeout(SOON_S)
         sockets["bob"] = bob
         got = b""
@@ -219,9 +219,9 @@ def _receive(
                     got += data
             except QuantumSocketError as error:
                 assert sent.startswith(got)
-                return Told(error, bob.statistics)
+                return Outcome(error, bob.statistics)
             assert got == sent
-            return Told(None, bob.statistics)
+            return Outcome(None, bob.statistics)
 
 
 def _connection(listener: Any) -> Any:

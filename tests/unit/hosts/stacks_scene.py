@@ -260,7 +260,7 @@ async def network(
     qnics: dict[str, list[str]] = QNICS,
     ports: dict[str, int] = PORTS,
     stacks: dict[str, Stack] | None = None,
-    told: bool = True,
+    report: bool = True,
     state_inspection: bool = False,
     **fiber: Any,
 ) -> AsyncIterator[Path]:
@@ -304,7 +304,7 @@ async def network(
                 analyser,
                 change,
                 cut,
-                config.devices.get(name, Device()) if told else Device(),
+                config.devices.get(name, Device()) if report else Device(),
             )
             if stacks is not None:
                 stacks[name] = host

@@ -52,7 +52,7 @@ class Wire:
     scene: "Scene"
     hardware: Any
     other: "Wire" = field(init=False)
-    said: list[Message] = field(default_factory=list)
+    messages: list[Message] = field(default_factory=list)
     sent: bytearray = field(default_factory=bytearray)  # all that this end has sent
     read: int = 0  # bytes of what the other has sent
     arrives: float = inf  # at most this many have come, until nobody goes on
@@ -62,7 +62,7 @@ class Wire:
 
     def say(self, *messages: Message) -> None:
         """Send bytes."""
-        self.said += messages
+        self.messages += messages
         if self.mailbox is not None:
             for message in messages:
                 self.mailbox.receive(message)
@@ -225,7 +225,7 @@ class Scene:
                 light.cancelled = True  # type: ignore[attr-defined]
                 return None
             case protocol.Tell(summary):
-                return wire.hardware.told.append(summary)
+                return wire.hardware.reports.append(summary)
             case protocol.Deliver(data):
                 return wire.hardware.deliver(data)
             case protocol.Now():

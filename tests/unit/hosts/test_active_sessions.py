@@ -41,8 +41,8 @@ def test_so_many_sessions_of_others_and_no_more_are_taken_at_a_time() -> None:
     with ExitStack() as stack:
         for session in range(MAX_SESSIONS):
             stack.enter_context(one.engage(session, Role.ACCEPTOR, f"10.0.0.{session % 8}"))
-        told = refusal(one, MAX_SESSIONS, opener="10.0.0.9")
-        assert str(told) == "64 sessions are under way here: try again when one has ended"
+        report = refusal(one, MAX_SESSIONS, opener="10.0.0.9")
+        assert str(report) == "64 sessions are under way here: try again when one has ended"
         stack.enter_context(one.engage(MAX_SESSIONS, Role.OPENER))  # this host's own application
     with one.engage(1000, Role.ACCEPTOR):
         pass
@@ -55,9 +55,9 @@ def test_one_peer_does_not_take_the_places_of_all_others() -> None:
         for session in range(16):
             role = Role.SOURCE if session % 2 else Role.ACCEPTOR
             stack.enter_context(one.engage(session, role, bob))
-        told = refusal(one, 16, opener=bob)
-        assert told.reason == Reason.BUSY
-        assert str(told).startswith("16 sessions of 10.0.0.2 are under way here, its share: ")
+        report = refusal(one, 16, opener=bob)
+        assert report.reason == Reason.BUSY
+        assert str(report).startswith("16 sessions of 10.0.0.2 are under way here, its share: ")
         for session in range(100, 120):
             stack.enter_context(one.engage(session, Role.OPENER))
         with one.engage(200, Role.ACCEPTOR, h4):

@@ -21,7 +21,7 @@ SIZE = MOST_OUTCOMES + 2  # two frames a block
 
 @dataclass
 class Copper:
-    """What comes to a host: outcomes from switches, and heralds."""
+    """The outcomes from switches and the heralds that reach a host."""
 
     frames: AnalyserSocket
     outcomes: socket.socket
@@ -184,14 +184,14 @@ def test_frames_are_read_before_anybody_asks_for_their_block() -> None:
         pulses = frames * MOST_OUTCOMES
         report = AnalyserFrame(MEMORY, 1, End.STORED, pulses, 0, bytes(pulses))
 
-        async def told() -> None:
+        async def answer() -> None:
             loop = asyncio.get_running_loop()
             with wire.frames.reading():
                 for frame in frames_of(report):
                     data = frame.encode(group_of(SESSION, Receivers.OPENER), bytes(6))
                     await asyncio.wait_for(loop.sock_sendall(wire.heralds, data), SOON_S)
 
-        asyncio.run(told())
+        asyncio.run(answer())
 
 
 def test_pairs_that_stations_herald_are_as_many_as_of_the_poorest_link_without_a_memory() -> None:

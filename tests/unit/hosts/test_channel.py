@@ -21,10 +21,10 @@ async def heard_after(loss: bool) -> str:
     server = await asyncio.start_server(lambda _reader, writer: writer.close(), "127.0.0.1", 0)
     async with server:
         _, writer = await asyncio.open_connection(*server.sockets[0].getsockname())
-        said = asyncio.StreamReader()
-        said.feed_data(Answer(1, Reason.PROTOCOL, "a fibre is cut").encode())
-        said.feed_eof()
-        channel = MetadataChannel(said, writer)
+        text = asyncio.StreamReader()
+        text.feed_data(Answer(1, Reason.PROTOCOL, "a fibre is cut").encode())
+        text.feed_eof()
+        channel = MetadataChannel(text, writer)
         if loss:
             writer.transport.abort()
             with pytest.raises(ConnectionError):
@@ -132,10 +132,10 @@ def test_of_a_set_up_that_nobody_answers_the_controller_is_asked_for_too(
     assert error.reason == Reason.NO_ANSWER
 
 
-async def broken_off(said: bytes) -> SessionError:
+async def broken_off(text: bytes) -> SessionError:
     """Return the result of an answer of which only this arrives."""
     reader = asyncio.StreamReader()
-    reader.feed_data(said)
+    reader.feed_data(text)
     reader.feed_eof()
     server = await asyncio.start_server(lambda _reader, writer: writer.close(), "127.0.0.1", 0)
     async with server:
@@ -147,9 +147,9 @@ async def broken_off(said: bytes) -> SessionError:
         return caught.value
 
 
-@pytest.mark.parametrize("said", [b"", Answer(1, Reason.OK, "all is well").encode()[:-1]])
-def test_a_connection_that_ends_is_no_fault_of_the_protocol(said: bytes) -> None:
-    assert network_loop.run(broken_off(said)).reason == Reason.PEER_GONE
+@pytest.mark.parametrize("text", [b"", Answer(1, Reason.OK, "all is well").encode()[:-1]])
+def test_a_connection_that_ends_is_no_fault_of_the_protocol(text: bytes) -> None:
+    assert network_loop.run(broken_off(text)).reason == Reason.PEER_GONE
 
 
 async def not_connected(monkeypatch: pytest.MonkeyPatch) -> SessionError:

@@ -23,7 +23,7 @@ class Hardware:
 
     ports = PORTS
 
-    def told(self) -> str:
+    def origin(self) -> str:
         return "the hardware's own"
 
 
@@ -39,4 +39,4 @@ class Hardware:
 def test_a_session_has_one_port_of_each_fibre(wavelength_pm: int, ports: list[str]) -> None:
     tuned = carrying(cast(Qnic, Hardware()), CHANNELS_MHZ, wavelength_pm)
     assert tuned.ports == ports
-    assert cast(Hardware, tuned).told() == "the hardware's own"
+    assert cast(Hardware, tuned).origin() == "the hardware's own"

@@ -25,8 +25,11 @@ def test_old_pairs_are_made_again(tmp_path: Path) -> None:
         return message
 
     def change(way: str, message: Message) -> Message | Awaitable[Message]:
-        told = isinstance(message, Values) and (message.topic, message.block) == (Topic.ARRIVED, 1)
-        if way == "forth" and told:
+        report = isinstance(message, Values) and (message.topic, message.block) == (
+            Topic.ARRIVED,
+            1,
+        )
+        if way == "forth" and report:
             held.append(message)
             if len(held) == 2:  # the first is of what has come
                 return hold(message)

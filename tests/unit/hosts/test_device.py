@@ -142,16 +142,16 @@ def test_the_alarm_of_a_seal_is_told_when_it_is_over_and_stays() -> None:
     with device.opens(seal):
         before = device.report()
         assert before.alarm == 0
-    told = device.report()
-    assert (told.alarm, told.monitor, told.monitor_compared) == (9, 9, 65)
-    assert (told.monitor_errors, told.monitor_tests, told.monitor_end) == (13, 4, Reason.OK)
-    assert changed(replace(before, sending=0), told)
+    report = device.report()
+    assert (report.alarm, report.monitor, report.monitor_compared) == (9, 9, 65)
+    assert (report.monitor_errors, report.monitor_tests, report.monitor_end) == (13, 4, Reason.OK)
+    assert changed(replace(before, sending=0), report)
     later = replace(watching, session=10)
     for other in (sending(1), Session({}, later, Watched(8, 0, 0, False, Reason.BUSY))):
         with device.opens(other):
             pass
-    told = device.report()
-    assert (told.alarm, told.monitor, told.monitor_compared, told.monitor_end) == (
+    report = device.report()
+    assert (report.alarm, report.monitor, report.monitor_compared, report.monitor_end) == (
         9,
         10,
         8,
@@ -412,7 +412,7 @@ def test_what_a_session_has_found_out_is_told_while_it_lasts_and_in_the_end() ->
                 first = SessionEstimate(0, 7, Quantity.FIDELITY, 0.9, 0.85, 0.94)
                 assert await peer.next() == first
                 session.summary |= {"fidelity": 0.91}
-            told = [await peer.next(), await peer.next()]
-            assert SessionEstimate(0, 7, Quantity.FIDELITY, 0.91, 0.85, 0.94) in told
+            reports = [await peer.next(), await peer.next()]
+            assert SessionEstimate(0, 7, Quantity.FIDELITY, 0.91, 0.85, 0.94) in reports
 
     network_loop.run(scene())

@@ -58,7 +58,7 @@ class Host:
     world: World
     inbox: deque[Message] = field(default_factory=deque)
     memory: dict[BlockName, list[int | None]] = field(default_factory=dict)
-    told: list[dict[str, Any]] = field(default_factory=list)
+    reports: list[dict[str, Any]] = field(default_factory=list)
 
     def carry_out(self, order: Effect, other: "Host") -> Any:
         """Return the result of an order; WAITING if that is not known yet."""
@@ -89,10 +89,10 @@ class Host:
             case protocol.Do(operation, arguments, named):
                 return getattr(self, operation)(*arguments, **named)
             case protocol.Tell(summary):
-                self.told.append(vars(summary))
+                self.reports.append(vars(summary))
                 return None
             case protocol.Now():
-                return float(len(self.told) + 1)
+                return float(len(self.reports) + 1)
         raise AssertionError(order)
 
     def _stored(self, name: BlockName) -> Stored:
@@ -176,7 +176,7 @@ def test_pairs_of_which_both_halves_have_come_are_delivered_in_one_order() -> No
     for host in (alice, bob):
         (block,) = host.memory.values()
         assert block == there[:10]
-    assert alice.told[-1]["pairs"] == 10
+    assert alice.reports[-1]["pairs"] == 10
 
 
 def test_pairs_are_sampled_in_every_basis_and_those_are_gone() -> None:

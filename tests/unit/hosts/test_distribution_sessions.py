@@ -113,12 +113,12 @@ def test_purified_pairs_have_the_same_numbers_at_both_ends(tmp_path: Path) -> No
 def test_the_examples_of_the_page_get_the_same_outcomes(tmp_path: Path) -> None:
     """The code is as it stands there; alice waits only until bob listens, or has measured."""
     at_alice, at_bob = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
-    said: dict[str, list[Any]] = {"alice": [], "bob": []}
+    texts: dict[str, list[Any]] = {"alice": [], "bob": []}
     events = {"listening": Event(), "measured": Event()}
 
     def perform(host: str, code: str) -> None:
         code = code.replace("ServiceSocket()", f"ServiceSocket({str(tmp_path / host)!r} '.sock')")
-        names = {**events, "print": lambda *words: said[host].append(words[-1])}
+        names = {**events, "print": lambda *words: texts[host].append(words[-1])}
         exec(code, names)
 
     def scene() -> None:
@@ -129,8 +129,8 @@ def test_the_examples_of_the_page_get_the_same_outcomes(tmp_path: Path) -> None:
             assert events["listening"].wait(SOON_S)
             perform("alice", at_alice.replace("asking.shut", "measured.wait(30); asking.shut"))
             asked.result(SOON_S)
-        assert said["alice"][-1] == said["bob"][-1]
-        assert len(said["bob"][-1]) == 4
+        assert texts["alice"][-1] == texts["bob"][-1]
+        assert len(texts["bob"][-1]) == 4
 
     inside(tmp_path, scene)
 
@@ -221,7 +221,7 @@ def test_a_full_memory_is_told_and_everything_freed(tmp_path: Path, node: str) -
             assert f"exceed the capacity of {node}'s memory, 500" in str(error)
             assert error.reason == Reason.HARDWARE
 
-    inside(tmp_path, scene, devices={node: Device(memory=Memory(capacity=500))}, told=False)
+    inside(tmp_path, scene, devices={node: Device(memory=Memory(capacity=500))}, report=False)
 
 
 @pytest.mark.parametrize(
@@ -337,8 +337,8 @@ def test_an_opener_that_breaks_the_protocol_is_refused(
                 channel = await MetadataChannel.connect("bob", OWN_ADDRESS["bob"])
                 setup = Setup(5, Service.DISTRIBUTE, 1, "10.0.0.9", 16_384, 1, 1_000_000, port=9)
                 await channel.request(arbitrated(setup, "bob", channel))
-                told = await channel.receive(Values, SOON_S)
-                assert expect(told, Topic.NODE_FEATURES, 0, 7, 1 << 32).tolist()[0] == setup.pairs
+                report = await channel.receive(Values, SOON_S)
+                assert expect(report, Topic.NODE_FEATURES, 0, 7, 1 << 32).tolist()[0] == setup.pairs
                 for message in messages:
                     channel.send(message)
                 with pytest.raises(SessionError, match=words):

@@ -44,16 +44,16 @@ def test_without_following_it_ends_behind_what_is_remembered(tmp_path: Path) -> 
     async def run() -> None:
         async with network(tmp_path):
             await asyncio.to_thread(transfer, tmp_path, b"x")
-            lines, said = await asyncio.to_thread(spied, tmp_path, "--history", "--no-follow")
+            lines, text = await asyncio.to_thread(spied, tmp_path, "--history", "--no-follow")
             assert [line.split()[2] for line in lines] == ["arrive", "receive", "apply", "send"]
-            assert said == "qmn: 4 events shown, 0 dropped\n"
+            assert text == "qmn: 4 events shown, 0 dropped\n"
 
     network_loop.run(asyncio.wait_for(run(), 30))
 
 
 def test_neither_history_nor_following_is_refused(tmp_path: Path) -> None:
-    _, said = spied(tmp_path, "--no-follow")
-    assert said == "qmn: --no-follow on alice: add --history, or there is nothing to show\n"
+    _, text = spied(tmp_path, "--no-follow")
+    assert text == "qmn: --no-follow on alice: add --history, or there is nothing to show\n"
 
 
 @pytest.mark.parametrize(
@@ -88,8 +88,8 @@ def spied(folder: Path, *words: str, lines: int = 0) -> tuple[list[str], str]:
         shown = [spy.stdout.readline() for _ in range(lines)]
         if lines:
             spy.send_signal(signal.SIGINT)
-        rest, said = spy.communicate(timeout=SOON_S)
-        return shown or rest.splitlines(), said
+        rest, text = spy.communicate(timeout=SOON_S)
+        return shown or rest.splitlines(), text
 
 
 def test_the_verb_on_a_host_shows_what_happens_there(tmp_path: Path) -> None:
@@ -97,12 +97,12 @@ def test_the_verb_on_a_host_shows_what_happens_there(tmp_path: Path) -> None:
         async with network(tmp_path):
             await asyncio.to_thread(transfer, tmp_path, b"x")
             words = "--history", "--json", "--kind", "apply"
-            lines, said = await asyncio.to_thread(spied, tmp_path, *words, lines=1)
+            lines, text = await asyncio.to_thread(spied, tmp_path, *words, lines=1)
             assert json.loads(lines[0])["node"] == "alice"
-            assert said == "qmn: 1 events shown, 0 dropped\n"
-            _, said = await asyncio.to_thread(spied, tmp_path, "--node", "bob")
+            assert text == "qmn: 1 events shown, 0 dropped\n"
+            _, text = await asyncio.to_thread(spied, tmp_path, "--node", "bob")
             assert (
-                said == "qmn: --node bob: a host shows only its own events, here those of alice\n"
+                text == "qmn: --node bob: a host shows only its own events, here those of alice\n"
             )
 
     network_loop.run(asyncio.wait_for(run(), 60))

@@ -14,9 +14,9 @@ from fault_scene import (
     SERVICES,
     Last,
     Once,
+    Outcome,
     Raw,
     Sockets,
-    Told,
     running,
     session,
     takes_part,
@@ -40,10 +40,10 @@ Fits = Callable[[str, Message], bool]
 
 def happens(
     folder: Path, service: str, options: dict[str, Any] | None = None, **physics: Any
-) -> tuple[Told, Told]:
+) -> tuple[Outcome, Outcome]:
     """Have one session; return the results of alice and bob."""
 
-    async def run() -> tuple[Told, Told]:
+    async def run() -> tuple[Outcome, Outcome]:
         async with running(folder, service, **physics):
             return await asyncio.to_thread(session, folder, service, **(options or {}))
 
@@ -52,16 +52,16 @@ def happens(
 
 def broken(
     folder: Path, service: str, change: Once, sockets: Sockets | None = None, **physics: Any
-) -> tuple[Told, Told]:
+) -> tuple[Outcome, Outcome]:
     """Have a session that a change breaks, then one of the same kind that works."""
 
-    async def run() -> tuple[Told, Told]:
+    async def run() -> tuple[Outcome, Outcome]:
         async with running(folder, service, change=change, **physics):
-            told = await asyncio.to_thread(session, folder, service, sockets)
+            report = await asyncio.to_thread(session, folder, service, sockets)
             assert change.done
             again = await asyncio.to_thread(session, folder, service)
             assert [each.text for each in again] == ["", ""]
-            return told
+            return report
 
     return network_loop.run(run())
 
@@ -103,8 +103,8 @@ def request_of_light(_way: str, message: Message) -> bool:
 
 def light_is_there(way: str, message: Message) -> bool:
     """Photons are in memories, or measured."""
-    told = getattr(message, "topic", 0) in (Topic.ARRIVED, Topic.OVER)
-    return way == "forth" and (told or isinstance(message, Block))
+    report = getattr(message, "topic", 0) in (Topic.ARRIVED, Topic.OVER)
+    return way == "forth" and (report or isinstance(message, Block))
 
 
 def third_block(_way: str, message: Message) -> bool:
@@ -174,11 +174,11 @@ def test_bytes_that_are_not_those_that_were_sent_are_told_to_both_ends(
 ) -> None:
     """The last message has the right size with the digest of other bytes, or the reverse."""
     change = Once(last_message, lambda message: replace(message, **wrong))
-    for told in broken(tmp_path, "sdc", change):
-        assert told.error is not None
-        assert told.error.reason == Reason.WRONG_DIGEST
+    for report in broken(tmp_path, "sdc", change):
+        assert report.error is not None
+        assert report.error.reason == Reason.WRONG_DIGEST
         size = wrong.get("size", len(DATA))
-        assert told.text == f"{len(DATA)} of {size} bytes arrived, or their SHA-256 differs"
+        assert report.text == f"{len(DATA)} of {size} bytes arrived, or their SHA-256 differs"
 
 
 def of_another_session(message: Message) -> Message:
@@ -221,9 +221,9 @@ def test_what_has_no_place_in_a_session_ends_it(
     alice, bob = broken(tmp_path, service, Once(moment, FORGED[forged]))
     assert alice.text
     assert bob.text
-    for told in (alice, bob):
-        assert told.error is not None
-        assert told.error.reason != Reason.OK
+    for report in (alice, bob):
+        assert report.error is not None
+        assert report.error.reason != Reason.OK
 
 
 @pytest.mark.by_day(every=4)
@@ -239,8 +239,8 @@ def test_a_connection_that_ends_within_a_message_is_told(
         await takes_part("bob", sockets)  # who would hear of no session if it were over before
         return Last(message.encode()[:size])
 
-    for told in broken(tmp_path, service, Once(moment, end_within), sockets):
-        assert "is gone: " in told.text
+    for report in broken(tmp_path, service, Once(moment, end_within), sockets):
+        assert "is gone: " in report.text
 
 
 @pytest.mark.parametrize(
@@ -257,15 +257,15 @@ def test_a_source_that_is_too_slow_is_named_with_its_rate(
 ) -> None:
     devices = {node: Device(source=PairSource(max_rate_hz=1e6))}
     alice, bob = happens(tmp_path, service, devices=devices)
-    for told in (alice, bob):
-        assert "rate_hz 50000000 is more than the source" in told.text
-        assert "max_rate_hz 1e+06; lower the rate" in told.text
+    for report in (alice, bob):
+        assert "rate_hz 50000000 is more than the source" in report.text
+        assert "max_rate_hz 1e+06; lower the rate" in report.text
     assert alice.error is not None
     assert alice.error.reason == Reason.HARDWARE
     slower = {"rate_hz": 1_000_000}
     other = tmp_path / "2"  # a socket has a short name
     other.mkdir()
-    assert [told.text for told in happens(other, service, slower, devices=devices)] == ["", ""]
+    assert [report.text for report in happens(other, service, slower, devices=devices)] == ["", ""]
 
 
 @pytest.mark.by_day(every=3)
@@ -305,16 +305,16 @@ def test_a_full_memory_is_told_at_both_ends_by_node_and_capacity(
     tmp_path: Path, service: str, node: str, words: str, reason: Reason
 ) -> None:
     devices = {node: Device(memory=Memory(capacity=100))}
-    for told in happens(tmp_path, service, devices=devices):
-        assert words in told.text
-        assert told.error is not None
-        assert told.error.reason == reason
+    for outcomes in happens(tmp_path, service, devices=devices):
+        assert words in outcomes.text
+        assert outcomes.error is not None
+        assert outcomes.error.reason == reason
 
 
 @pytest.mark.parametrize("service", ["sdc", "bb84", "bbm92"])
 def test_what_stores_nothing_needs_no_memory(tmp_path: Path, service: str) -> None:
     devices = {name: Device(memory=Memory(capacity=0)) for name in ("alice", "bob")}
-    assert [told.text for told in happens(tmp_path, service, devices=devices)] == ["", ""]
+    assert [outcomes.text for outcomes in happens(tmp_path, service, devices=devices)] == ["", ""]
 
 
 ASKED: list[tuple[dict[str, Any], str]] = [
@@ -354,8 +354,8 @@ def test_a_source_that_is_refused_is_told_to_both_ends(tmp_path: Path, service: 
             return replace(setup, verdict=Verdict.REFUSED, reason=Reason.UNKNOWN_SESSION)
         return replace(setup, verdict=Verdict.GRANTED)
 
-    for told in happens(tmp_path, service, judge=judge):
-        assert "the controller knows no such session" in told.text
+    for outcomes in happens(tmp_path, service, judge=judge):
+        assert "the controller knows no such session" in outcomes.text
 
 
 @pytest.mark.by_day(every=3)
@@ -372,15 +372,15 @@ def test_an_application_that_goes_in_mid_session_ends_it_for_both(
         await asyncio.to_thread((await takes_part(gone, sockets)).close)
         return message
 
-    async def run() -> tuple[Told, Told]:
+    async def run() -> tuple[Outcome, Outcome]:
         change = Once(moment, close)
         longer = {"data": DATA * 20} if service == "sdc" else {"count": 30_000}
         async with running(tmp_path, service, change=change):
-            told = await asyncio.to_thread(session, tmp_path, service, sockets, **longer)
+            report = await asyncio.to_thread(session, tmp_path, service, sockets, **longer)
             assert change.done
             again = await asyncio.to_thread(session, tmp_path, service)
             assert [each.text for each in again] == ["", ""]
-            return told
+            return report
 
     alice, bob = network_loop.run(run())
     assert alice.text

@@ -32,7 +32,7 @@ AT_ALICE = MonitorCommand(
 AT_BOB = replace(AT_ALICE, opener="127.0.0.1", acceptor=OWN_ADDRESS["bob"])
 
 
-async def told(stack: Stack, enough: Callable[[DeviceReport], bool]) -> DeviceReport:
+async def reported(stack: Stack, enough: Callable[[DeviceReport], bool]) -> DeviceReport:
     """Return a host's report as soon as it says something."""
     async with asyncio.timeout(SOON_S):
         while not enough(report := stack.device.report()):
@@ -58,10 +58,10 @@ def test_two_hosts_watch_their_way_without_any_program(
             await order(stacks, 3000)
             again = stacks["alice"].link_monitors.take(replace(AT_ALICE, session=2))
             assert again == Answer(2, Reason.OK)  # and no second session
-            await told(stacks["bob"], lambda report: report.receiving == 1)
+            await reported(stacks["bob"], lambda report: report.receiving == 1)
             assert all(stacks[name].takes_part(SEAL) for name in ("alice", "bob"))
-            report = await told(stacks["alice"], lambda report: report.monitor == SEAL)
-            await told(stacks["bob"], lambda report: not report.receiving)
+            report = await reported(stacks["alice"], lambda report: report.monitor == SEAL)
+            await reported(stacks["bob"], lambda report: not report.receiving)
             assert not any(stacks[name].takes_part(SEAL) for name in ("alice", "bob"))
             # By now: gRPC complains of a call under way when its server is stopped.
             assert not [each for each in caplog.records if each.levelno >= logging.WARNING]
@@ -82,7 +82,7 @@ def test_an_intruder_on_the_way_is_told_to_the_controller(tmp_path: Path) -> Non
                 eve.settimeout(SOON_S)
                 await asyncio.to_thread(eve.intercept, 1.0)
                 await order(stacks, 100_000)
-                return await told(stacks["alice"], lambda report: report.monitor == SEAL)
+                return await reported(stacks["alice"], lambda report: report.monitor == SEAL)
 
     report = network_loop.run(run())
     assert report.alarm == SEAL
@@ -95,13 +95,13 @@ def test_a_seal_ends_well_at_both_ends_when_a_session_wants_its_light(tmp_path: 
         stacks: dict[str, Stack] = {}
         async with network(tmp_path, paths=THERE, stacks=stacks):
             await order(stacks, 100_000_000)  # for a quarter of an hour
-            await told(stacks["bob"], lambda report: report.receiving == 1)
+            await reported(stacks["bob"], lambda report: report.receiving == 1)
             unknown = stacks["alice"].link_monitors.preempt(PreemptMonitor(3, SEAL + 1))
             assert unknown == Answer(3, Reason.UNKNOWN_SESSION)
             answer = stacks["alice"].link_monitors.preempt(PreemptMonitor(4, SEAL))
             assert answer == Answer(4, Reason.OK)
-            report = await told(stacks["alice"], lambda report: report.monitor == SEAL)
-            await told(stacks["bob"], lambda report: not report.receiving)
+            report = await reported(stacks["alice"], lambda report: report.monitor == SEAL)
+            await reported(stacks["bob"], lambda report: not report.receiving)
             return report
 
     report = network_loop.run(run())

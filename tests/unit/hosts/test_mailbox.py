@@ -16,12 +16,16 @@ from wire.metadata.vocabulary import Reason
 SESSION = 5
 
 
-def said(topic: int, block: int, *numbers: int) -> Values:
+def topic_values(topic: int, block: int, *numbers: int) -> Values:
     return values(SESSION, topic, block, numbers, 32)
 
 
 def of_block(block: int) -> list[Message]:
-    return [said(Topic.COMING, block, 8), said(Topic.SWAPPED, block, 1), said(Topic.PURIFY, block)]
+    return [
+        topic_values(Topic.COMING, block, 8),
+        topic_values(Topic.SWAPPED, block, 1),
+        topic_values(Topic.PURIFY, block),
+    ]
 
 
 def interleavings(left: dict[int, int]) -> Iterator[list[int]]:
@@ -52,13 +56,17 @@ def test_messages_of_three_blocks_come_to_them_in_order_however_they_are_mixed(
 
 def test_who_waits_for_a_block_that_begins_leaves_the_news_of_others() -> None:
     box = Mailbox()
-    for message in (*of_block(1)[:2], said(Topic.COMING, 2, 8), Finish(SESSION, 0, bytes(32))):
+    for message in (
+        *of_block(1)[:2],
+        topic_values(Topic.COMING, 2, 8),
+        Finish(SESSION, 0, bytes(32)),
+    ):
         box.put(message)
-    assert box.take(Wanted(begins=True)) == said(Topic.COMING, 1, 8)
-    assert box.take(Wanted(begins=True)) == said(Topic.COMING, 2, 8)
+    assert box.take(Wanted(begins=True)) == topic_values(Topic.COMING, 1, 8)
+    assert box.take(Wanted(begins=True)) == topic_values(Topic.COMING, 2, 8)
     assert isinstance(box.take(Wanted(begins=True)), Finish)
     assert not box.has(Wanted(begins=True))
-    assert box.take(Wanted(1)) == said(Topic.SWAPPED, 1, 1)
+    assert box.take(Wanted(1)) == topic_values(Topic.SWAPPED, 1, 1)
 
 
 def test_who_follows_takes_what_comes_whatever_it_is_about() -> None:
@@ -80,10 +88,10 @@ def test_who_follows_leaves_blocks_that_others_hear_of() -> None:
 
 def test_values_of_a_block_that_nobody_has_announced_are_refused() -> None:
     box = Mailbox()
-    box.receive(said(Topic.COMING, 1, 8))  # this end has
-    box.put(said(Topic.ARRIVED, 1))
+    box.receive(topic_values(Topic.COMING, 1, 8))  # this end has
+    box.put(topic_values(Topic.ARRIVED, 1))
     with pytest.raises(SessionError, match="block 2, which nobody has announced"):
-        box.put(said(Topic.ARRIVED, 2))
+        box.put(topic_values(Topic.ARRIVED, 2))
 
 
 @pytest.mark.parametrize(
@@ -99,9 +107,9 @@ def test_what_nobody_asks_for_while_blocks_are_under_way_is_refused_at_once(
 @pytest.mark.parametrize("last", [None, Answer(SESSION, Reason.HARDWARE, "gone")])
 def test_everybody_hears_of_the_end_behind_what_came_before(last: Answer | None) -> None:
     box = Mailbox()
-    box.put(said(Topic.COMING, 1, 8))
+    box.put(topic_values(Topic.COMING, 1, 8))
     box.put(last)
-    assert box.take(Wanted(1)) == said(Topic.COMING, 1, 8)
+    assert box.take(Wanted(1)) == topic_values(Topic.COMING, 1, 8)
     for block in (1, 2, None):
         assert box.has(Wanted(block))
         assert box.take(Wanted(block)) == last
@@ -110,6 +118,6 @@ def test_everybody_hears_of_the_end_behind_what_came_before(last: Answer | None)
 def test_more_messages_than_are_kept_end_the_connection() -> None:
     box = Mailbox()
     for _message in range(MAX_KEPT):
-        box.put(said(Topic.COMING, 1, 8))
+        box.put(topic_values(Topic.COMING, 1, 8))
     with pytest.raises(SessionError, match="that nobody waits for"):
-        box.put(said(Topic.COMING, 1, 8))
+        box.put(topic_values(Topic.COMING, 1, 8))

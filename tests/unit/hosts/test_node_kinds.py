@@ -206,7 +206,7 @@ def test_purification_that_memories_have_no_room_for_is_given_up(
         ask(tmp_path, "distribute", physics=physics, source="alice", **options)
 
 
-def told(folder: Path, physics: dict[str, Any], **options: Any) -> str:
+def error(folder: Path, physics: dict[str, Any], **options: Any) -> str:
     """Ask for a distribution that cannot be; return why, as both ends hear it."""
 
     def failed() -> str:
@@ -248,7 +248,7 @@ def test_abilities_that_no_host_has_end_the_session(
         return message
 
     physics = {**scene(OWN), "change": change}
-    assert words in told(tmp_path, physics, count=100)
+    assert words in error(tmp_path, physics, count=100)
 
 
 CANNOT = [
@@ -292,7 +292,7 @@ CANNOT = [
 def test_what_the_ends_cannot_do_is_told_by_host_and_feature(
     tmp_path: Path, devices: dict[str, Device], options: dict[str, Any], words: str
 ) -> None:
-    assert words in told(tmp_path, scene(OWN, **devices), **options)
+    assert words in error(tmp_path, scene(OWN, **devices), **options)
 
 
 def test_purification_that_turns_out_to_be_needed_needs_gates_at_both_ends(tmp_path: Path) -> None:

@@ -102,10 +102,10 @@ def test_what_waits_on_decays_as_its_density_matrix(time_s: float) -> None:
         state = waited(state, half, t1_s, t2_s, time_s)
     phi = np.array([1, 0, 0, 1]) / np.sqrt(2)
     never = float("inf")
-    told = found.after(
+    report = found.after(
         time_s, (Lifetimes(1.0, 0.5, never, never), Lifetimes(2.0, 3.0, never, never))
     )
-    assert told == pytest.approx((phi @ state @ phi).real)
+    assert report == pytest.approx((phi @ state @ phi).real)
 
 
 def test_nothing_is_expected_of_pairs_that_nobody_has_measured() -> None:
@@ -116,8 +116,8 @@ def test_a_plain_depolarising_memory_makes_werner_pairs() -> None:
     """Of Phi+ there is e^(-t/s - t/s') left, and a quarter of the rest."""
     found = estimate([Z] * 10 + [X] * 10 + [Y] * 10, [0] * 30, [0] * 20 + [1] * 10)
     never = float("inf")
-    told = found.after(
+    report = found.after(
         0.3, (Lifetimes(never, never, 1.0, never), Lifetimes(never, never, 2.0, never))
     )
     left = np.exp(-0.3 - 0.15)
-    assert told == pytest.approx(left + (1 - left) / 4)
+    assert report == pytest.approx(left + (1 - left) / 4)

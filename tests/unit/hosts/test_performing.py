@@ -75,8 +75,8 @@ def test_of_several_that_are_under_way_those_that_are_over_are_told_and_the_othe
         analyser.light[1].set_result(FOUND)
         return before, after, second, (yield Collect(lights[0]))
 
-    told, analyser = performed(steps)
-    assert told == ((False, False), (False, True), FOUND, FOUND)
+    report, analyser = performed(steps)
+    assert report == ((False, False), (False, True), FOUND, FOUND)
     assert (analyser.given_up, analyser.cancelled) == ([], [])
 
 

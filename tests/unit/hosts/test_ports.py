@@ -8,13 +8,13 @@ SCENE = """
 import select, subprocess
 from hosts.hardware.ports import link_changes, take_notices
 with link_changes() as changes:
-    def told(limit_s):
+    def received(limit_s):
         return bool(select.select([changes], [], [], limit_s)[0])
-    before = told(0)
+    before = received(0)
     subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
-    after = told(10)
+    after = received(10)
     take_notices(changes)
-    print(before, after, told(0))
+    print(before, after, received(0))
 """
 ROOT = Path(__file__).resolve().parents[3]
 

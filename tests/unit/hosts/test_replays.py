@@ -80,8 +80,8 @@ def test_a_set_up_that_is_sent_again_in_mid_session_disturbs_nobody(
     async def run() -> None:
         change = Once(lambda way, message: way == "forth" and isinstance(message, Finish), replay)
         async with running(tmp_path, service_name, recorder, change=change):
-            told = await asyncio.to_thread(session, tmp_path, service_name)
-            assert [each.text for each in told] == ["", ""]
+            report = await asyncio.to_thread(session, tmp_path, service_name)
+            assert [each.text for each in report] == ["", ""]
 
     network_loop.run(run())
     require_refused(errors, Reason.BUSY, "is under way here: is its set-up message a replay?")
@@ -143,8 +143,8 @@ def test_no_other_service_is_opened_with_the_number_of_a_session(
     async def run() -> None:
         change = Once(lambda way, message: way == "forth" and isinstance(message, Finish), forge)
         async with running(tmp_path, service_name, recorder, change=change):
-            told = await asyncio.to_thread(session, tmp_path, service_name)
-            assert [each.text for each in told] == ["", ""]
+            report = await asyncio.to_thread(session, tmp_path, service_name)
+            assert [each.text for each in report] == ["", ""]
 
     network_loop.run(run())
     at_alice, at_bob = errors
@@ -286,8 +286,8 @@ def test_a_pair_of_a_session_is_taken_once(tmp_path: Path) -> None:
                 "block_pairs": 256,
                 "data": DATA[:48],
             }
-            told = await asyncio.to_thread(session, tmp_path, "sdc", **options)
-            assert [each.text for each in told] == ["", ""]
+            report = await asyncio.to_thread(session, tmp_path, "sdc", **options)
+            assert [each.text for each in report] == ["", ""]
 
     network_loop.run(run())
     require_refused(errors, Reason.PROTOCOL, "is not expected (any more): is its set-up a replay?")
@@ -311,8 +311,8 @@ def test_a_pair_of_a_session_is_taken_from_its_own_sender_alone(tmp_path: Path) 
                 "block_pairs": 256,
                 "data": DATA[:48],
             }
-            told = await asyncio.to_thread(session, tmp_path, "sdc", **options)
-            assert [each.text for each in told] == ["", ""]
+            report = await asyncio.to_thread(session, tmp_path, "sdc", **options)
+            assert [each.text for each in report] == ["", ""]
 
     network_loop.run(run())
     assert max(setup.block for setup in recorder.granted) >= 150

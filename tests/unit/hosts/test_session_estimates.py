@@ -97,16 +97,16 @@ def test_no_estimate_is_outside_its_interval() -> None:
 def test_an_estimate_is_told_again_when_it_says_something_new() -> None:
     estimates = Estimates()
 
-    def told(value: float, low: float, high: float, over: bool = False) -> list[SessionEstimate]:
+    def report(value: float, low: float, high: float, over: bool = False) -> list[SessionEstimate]:
         estimates.note(7, {Quantity.QBER: Interval(value, low, high)}, over)
         return estimates.take()
 
-    assert told(0.05, 0.01, 0.09) == [SessionEstimate(0, 7, Quantity.QBER, 0.05, 0.01, 0.09)]
-    assert told(0.05, 0.01, 0.09) == []
-    assert told(0.06, 0.03, 0.09) == []  # within the reported interval, and hardly sharper
-    assert told(0.06, 0.04, 0.08) == [SessionEstimate(0, 7, Quantity.QBER, 0.06, 0.04, 0.08)]
-    assert told(0.09, 0.07, 0.11) == [SessionEstimate(0, 7, Quantity.QBER, 0.09, 0.07, 0.11)]
-    assert told(0.089, 0.07, 0.11, over=True) == [
+    assert report(0.05, 0.01, 0.09) == [SessionEstimate(0, 7, Quantity.QBER, 0.05, 0.01, 0.09)]
+    assert report(0.05, 0.01, 0.09) == []
+    assert report(0.06, 0.03, 0.09) == []  # within the reported interval, and hardly sharper
+    assert report(0.06, 0.04, 0.08) == [SessionEstimate(0, 7, Quantity.QBER, 0.06, 0.04, 0.08)]
+    assert report(0.09, 0.07, 0.11) == [SessionEstimate(0, 7, Quantity.QBER, 0.09, 0.07, 0.11)]
+    assert report(0.089, 0.07, 0.11, over=True) == [
         SessionEstimate(0, 7, Quantity.QBER, 0.089, 0.07, 0.11)
     ]
     assert estimates.take() == []
@@ -116,5 +116,5 @@ def test_what_nobody_takes_does_not_grow_without_end() -> None:
     estimates = Estimates()
     for session in range(2 * MOST_UNTOLD):
         estimates.note(session, {Quantity.QBER: Interval(0.0, 0.0, 0.1)}, over=True)
-    told = estimates.take()
-    assert [each.about for each in told] == list(range(MOST_UNTOLD, 2 * MOST_UNTOLD))
+    report = estimates.take()
+    assert [each.about for each in report] == list(range(MOST_UNTOLD, 2 * MOST_UNTOLD))

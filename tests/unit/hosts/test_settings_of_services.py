@@ -80,10 +80,10 @@ def summaries(service: str, devices: dict[str, Device]) -> Fields:
             return await asyncio.to_thread(session, folder, service)
 
     with TemporaryDirectory() as folder:
-        told = network_loop.run(run(Path(folder)))
+        report = network_loop.run(run(Path(folder)))
     return {
         f"{end} {name}": value
-        for end, each in zip(("alice", "bob"), told, strict=True)
+        for end, each in zip(("alice", "bob"), report, strict=True)
         for name, value in {"error": each.text, **each.summary}.items()
         if name not in (RANDOM | BY_ORDER if service == "e91" else RANDOM)
     }

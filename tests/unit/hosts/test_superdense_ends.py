@@ -164,12 +164,12 @@ def test_bytes_come_as_they_were_sent(handshake: str, rotation: Pauli) -> None:
 def test_what_is_said_of_blocks_is_what_they_carry() -> None:
     ends = Ends()
     ends.send(DATA[:20])
-    assert ends.alice.said == [
+    assert ends.alice.messages == [
         Block(7, 1, 32, 0, LEFT_NS, (Frame(0, 8, crc32(DATA[:8])),)),
         Block(7, 2, 32, 0, LEFT_NS, (Frame(1, 8, crc32(DATA[8:16])),)),
         Block(7, 3, 16, 0, LEFT_NS, (Frame(2, 4, crc32(DATA[16:20])),)),
     ]
-    assert ends.bob.said == [Report(7, 1, 32), Report(7, 2, 32), Report(7, 3, 16)]
+    assert ends.bob.messages == [Report(7, 1, 32), Report(7, 2, 32), Report(7, 3, 16)]
 
 
 def test_bytes_may_be_cut_anywhere_on_their_way() -> None:
@@ -213,10 +213,10 @@ def test_light_of_four_blocks_is_ordered_before_the_first_report() -> None:
     ends = Ends()
     ends.alice.arrives = 0  # no report comes while there is something to do
     ends.send()
-    told = [order for _when, wire, order in ends.scene.orders if wire is ends.alice]
-    begun = [place for place, order in enumerate(told) if isinstance(order, protocol.BeginEmit)]
-    heard = [place for place, order in enumerate(told) if isinstance(order, protocol.Now)]
-    assert [told[place].block for place in begun] == [1, 2, 3, 4, 5]
+    reports = [order for _when, wire, order in ends.scene.orders if wire is ends.alice]
+    begun = [place for place, order in enumerate(reports) if isinstance(order, protocol.BeginEmit)]
+    heard = [place for place, order in enumerate(reports) if isinstance(order, protocol.Now)]
+    assert [reports[place].block for place in begun] == [1, 2, 3, 4, 5]
     assert begun[3] < heard[0] < begun[4]
 
 
@@ -226,8 +226,8 @@ def test_a_block_without_light_is_told_of_when_grace_is_over_and_calls_off_those
     ends.finish()
     bench = ends.bench
     assert bench.received == DATA
-    said = {each.block: each.pairs for each in ends.alice.said if isinstance(each, Block)}
-    assert [block for block, pairs in said.items() if pairs == 0] == [2, 3, 4, 5]
+    texts = {each.block: each.pairs for each in ends.alice.messages if isinstance(each, Block)}
+    assert [block for block, pairs in texts.items() if pairs == 0] == [2, 3, 4, 5]
     assert sorted(bench.sent_s) == [1, 6, 7, 8, 9]
     assert bench.discarded.count(2) == 1  # at the acceptor; those called off at both ends
     assert [bench.discarded.count(block) for block in (3, 4, 5)] == [2, 2, 2]
@@ -249,7 +249,7 @@ def test_light_that_is_lost_behind_the_opener_is_sent_again() -> None:
     ends.send()
     ends.finish()
     assert ends.bench.received == DATA
-    assert ends.bob.said[0] == Report(7, 1, 32, 32, again=bytes([0xFF] * 4))
+    assert ends.bob.messages[0] == Report(7, 1, 32, 32, again=bytes([0xFF] * 4))
     assert ends.bench.discarded == [1]
 
 
@@ -270,7 +270,7 @@ def test_an_outcome_that_is_late_counts_unless_the_analyser_says_that_light_is_l
     ends = Ends(late_s=late_s)
     ends.send(DATA[:8])
     assert ends.bench.received == DATA[:8]
-    assert ends.bob.said == [Report(7, 1, 32)]
+    assert ends.bob.messages == [Report(7, 1, 32)]
     again = [] if late_s < OUTCOME_TIMEOUT_S else [(1, False)]
     assert ends.bench.asked == [(1, True), *again, (2, True)]
     assert ends.scene.now_s == pytest.approx(late_s)
@@ -282,7 +282,7 @@ def test_light_of_which_the_analyser_has_seen_nothing_is_lost_however_late_it_wo
     ends = Ends(late_s=LOST_S + 0.01)
     with pytest.raises(SessionError, match="no pair reached bob"):
         ends.send(DATA[:8])
-    assert {report.lost for report in ends.bob.said if isinstance(report, Report)} == {32}
+    assert {report.lost for report in ends.bob.messages if isinstance(report, Report)} == {32}
     assert ends.bench.received == b""
 
 
@@ -310,8 +310,8 @@ def test_handshakes_are_made_as_far_ahead_as_is_said_and_end_in_order(
             closed.append(order.connection)
         most = max(most, opened - len(closed))
     assert most == most_open
-    assert closed == [wire for wire in ends.scene.wires[2:] if not wire.said]
-    assert ends.alice.said == [Block(7, 1, 32, 0, LEFT_NS, (Frame(0, 8, crc32(DATA[:8])),))]
+    assert closed == [wire for wire in ends.scene.wires[2:] if not wire.messages]
+    assert ends.alice.messages == [Block(7, 1, 32, 0, LEFT_NS, (Frame(0, 8, crc32(DATA[:8])),))]
 
 
 def test_a_pair_without_light_is_just_lost() -> None:
@@ -321,7 +321,7 @@ def test_a_pair_without_light_is_just_lost() -> None:
     assert ends.bench.received == DATA[:8]
     assert ends.opener.summary.lost_pairs == 1
     assert ends.opener.counts()["pairs_sent"] == 33
-    first = ends.bob.said[0]
+    first = ends.bob.messages[0]
     assert isinstance(first, Report)
     assert (first.pairs, first.lost) == (32, 1)
 

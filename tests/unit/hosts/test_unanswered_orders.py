@@ -23,7 +23,7 @@ from wire.dispatcher_pb2_grpc import (
 )
 
 PATIENCE_S = 0.2
-TOLD = Step(tell=TellRequest(text="unheard"))
+TELL = Step(tell=TellRequest(text="unheard"))
 ANSWERED = Step(tell=TellRequest(text="heard"))
 
 
@@ -56,10 +56,10 @@ def test_what_the_dispatcher_does_not_answer_is_given_up_and_cancelled(
         await server.start()
         async with asyncio.timeout(SOON_S), grpc.aio.insecure_channel(f"127.0.0.1:{port}") as c:
             given = Orders(DispatcherStub(c), "token")  # type: ignore[no-untyped-call]
-            earlier = asyncio.create_task(given.perform(TOLD))
+            earlier = asyncio.create_task(given.perform(TELL))
             await asyncio.sleep(0)
             assert await given.perform(ANSWERED) == []
-            later = asyncio.create_task(given.perform(TOLD))
+            later = asyncio.create_task(given.perform(TELL))
             for number, task in ((1, earlier), (3, later)):
                 with pytest.raises(HardwareError, match=r"no answer in 0\.2 s"):
                     await task
@@ -80,7 +80,7 @@ def test_what_nobody_waits_for_any_more_is_cancelled_at_once() -> None:
         await server.start()
         async with asyncio.timeout(SOON_S), grpc.aio.insecure_channel(f"127.0.0.1:{port}") as c:
             given = Orders(DispatcherStub(c), "token")  # type: ignore[no-untyped-call]
-            left, stays = (asyncio.create_task(given.perform(TOLD)) for _ in range(2))
+            left, stays = (asyncio.create_task(given.perform(TELL)) for _ in range(2))
             await asyncio.sleep(0)
             assert await given.perform(ANSWERED) == []
             left.cancel()

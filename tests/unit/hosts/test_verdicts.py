@@ -68,8 +68,8 @@ def test_a_verdict_that_is_not_the_controllers_takes_no_listener(
                 # The listener is still there for what the controller grants.
                 channel = await MetadataChannel.connect("bob", OWN_ADDRESS["bob"])
                 answer = await channel.request(arbitrated(SETUP, "bob", channel), SOON_S)
-                said = Answer(SETUP.session, Reason.OK, wavelength_pm=SETUP.wavelength_pm)
-                assert answer == said
+                text = Answer(SETUP.session, Reason.OK, wavelength_pm=SETUP.wavelength_pm)
+                assert answer == text
                 await channel.receive(Values, SOON_S)
                 channel.close()
 

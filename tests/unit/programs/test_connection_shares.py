@@ -110,8 +110,8 @@ def test_it_is_logged_once_that_a_peer_is_refused(caplog: pytest.LogCaptureFixtu
             stack.enter_context(connected(listener.getsockname(), 2))
         for each in accepted(listener):
             stack.enter_context(each)
-    said = [each.getMessage() for each in caplog.records if each.name == "connections"]
-    assert said == [f"127.0.0.2 has {OF_ONE} connections of {ALL}: more refused"]
+    lines = [each.getMessage() for each in caplog.records if each.name == "connections"]
+    assert lines == [f"127.0.0.2 has {OF_ONE} connections of {ALL}: more refused"]
 
 
 @pytest.mark.usefixtures("_small")

@@ -32,7 +32,7 @@ def test_a_pause_in_the_background_ends_when_the_clock_has_passed_it() -> None:
 
 
 def test_a_wait_that_ended_in_time_leaves_no_timer() -> None:
-    """Its limit passes later, and nobody is told."""
+    """Its limit passes later, without a call."""
 
     async def act() -> list[dict[str, Any]]:
         loop, errors = asyncio.get_running_loop(), list[dict[str, Any]]()

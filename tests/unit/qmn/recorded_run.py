@@ -139,10 +139,10 @@ def record_run(folder: Path, captured: bool = True, delivered: bool = True) -> P
     ]
     (folder / RECORD).write_text("".join(json.dumps(line) + "\n" for line in times))
     counts = {"bell_pairs": 100, "lost_pairs": 40, "symbol_errors": 3, "received_symbols": 60}
-    told = sent(**counts, repeated_frames=1, symbols=4)
-    done = {"event": "done", **vars(told)}
-    (folder / "asking.log").write_text(f"{json.dumps({'event': 'said'})}\n{json.dumps(done)}\n")
-    facts = message_run(folder, b"two bits" if delivered else b"", told, received(CONFUSION))
+    report = sent(**counts, repeated_frames=1, symbols=4)
+    done = {"event": "done", **vars(report)}
+    (folder / "asking.log").write_text(f"{json.dumps({'event': 'report'})}\n{json.dumps(done)}\n")
+    facts = message_run(folder, b"two bits" if delivered else b"", report, received(CONFUSION))
     facts.topology = "chain"
     facts.parameters = asked("sdc", {"receiver": "bob", "fec": "none <&>"}, "chain")
     facts.every_fiber = FiberOptics(length_km=5.0)
@@ -172,17 +172,17 @@ def message_run(
     return run_of("sdc", job, time_scale)
 
 
-def sent(elapsed_s: float = 0.01, **told: Any) -> SentFigures:
+def sent(elapsed_s: float = 0.01, **report: Any) -> SentFigures:
     """Return the figures of who sends, but for those that are given that of nothing sent."""
     names = [each.name for each in fields(cast("Any", SenderFigures))]
-    return sent_figures({**dict.fromkeys(names, 0), **told}, elapsed_s)
+    return sent_figures({**dict.fromkeys(names, 0), **report}, elapsed_s)
 
 
 def received(confusion: list[list[int]]) -> ReceiverFigures:
     """Return the figures of who receives, but for the confusion those of nothing received."""
     names = [each.name for each in fields(cast("Any", ReceiverFigures))]
-    told: dict[str, Any] = {**dict.fromkeys(names, 0), "confusion": confusion}
-    return ReceiverFigures(**told)
+    reports: dict[str, Any] = {**dict.fromkeys(names, 0), "confusion": confusion}
+    return ReceiverFigures(**reports)
 
 
 def service_run(figures: Figures | None = None, service: str = "teleport") -> RunResult:
@@ -192,11 +192,11 @@ def service_run(figures: Figures | None = None, service: str = "teleport") -> Ru
     return run_of(service, job, 1.0)
 
 
-def teleported(**told: Any) -> TeleportFigures:
+def teleported(**report: Any) -> TeleportFigures:
     """Return the figures of 80 states, but for those that are given."""
     known = {"states": 80, "arrived": 80, "fidelity": 1.0, "fidelity_error": 0.0}
     known |= {"waited_ms": 0.1, "elapsed_s": 2.0, "states_per_s": 40.0}
-    return TeleportFigures(**(known | told))
+    return TeleportFigures(**(known | report))
 
 
 def asked(job: str, parameters: dict[str, Any], topology: str = "sdc") -> Request:

@@ -201,7 +201,7 @@ def test_a_setting_is_asked_for_and_what_is_in_force_is_said(
 
 
 @pytest.mark.parametrize(
-    ("said", "words"),
+    ("text", "words"),
     [
         (b'{"error": "no device"}\n', "no device"),
         (b"", "the controller does not answer at"),
@@ -209,9 +209,9 @@ def test_a_setting_is_asked_for_and_what_is_in_force_is_said(
     ],
 )
 def test_what_the_controller_refuses_or_mistells_is_said(
-    console: list[Answer], said: bytes, words: str
+    console: list[Answer], text: bytes, words: str
 ) -> None:
-    console[0] = lambda _request: said
+    console[0] = lambda _request: text
     with pytest.raises(NoAnswer, match=words):
         ask("devices")
 

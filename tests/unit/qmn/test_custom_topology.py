@@ -177,8 +177,8 @@ def test_a_class_with_the_build_of_another_is_told_by_its_own_file(
     file.write_text(INHERITED)
     with pytest.raises(BadTopology) as caught:
         describe_network(parse("--topology", f"{file}:{kind}"))
-    told, _, command = str(caught.value).partition("; this shows all of it: ")
-    assert told == f"{file}, line 7: ZeroDivisionError: division by zero"
+    report, _, command = str(caught.value).partition("; this shows all of it: ")
+    assert report == f"{file}, line 7: ZeroDivisionError: division by zero"
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
     assert done.stderr.endswith("ZeroDivisionError: division by zero\n")
 

@@ -63,8 +63,8 @@ def run(
     )
     arguments = parse(*words)
     status = arguments.call(arguments)
-    said = capsys.readouterr()
-    return status, said.out + said.err
+    output = capsys.readouterr()
+    return status, output.out + output.err
 
 
 def logged(log: Path, text: str, count: int) -> list[str]:
@@ -82,7 +82,7 @@ def test_faults_reach_the_running_network(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with network(tmp_path) as (_process, log):
-        for words, said, text in (
+        for words, output, text in (
             ("q1 stuck 2 3", "q1: cross-connect 2 -> 3 is stuck\n", "stuck 2 -> 3"),
             (
                 "q1 temperature 80",
@@ -92,7 +92,7 @@ def test_faults_reach_the_running_network(
             ("q1 temperature -5", "q1: -5 C, within its limit of 60 C\n", "temperature -5 C"),
             ("q1 repair", "q1: repaired, 25 C\n", "repaired"),
         ):
-            assert run(tmp_path, capsys, monkeypatch, *words.split()) == (0, said)
+            assert run(tmp_path, capsys, monkeypatch, *words.split()) == (0, output)
             (line,) = logged(log, text, 1)
             assert " fault " in line
             assert line.endswith(text)
@@ -117,10 +117,10 @@ def test_a_fault_that_cannot_be_is_named_and_ends_with_a_status(
     text: str,
 ) -> None:
     with network(tmp_path) as (_process, log):
-        status, said = run(tmp_path, capsys, monkeypatch, *words.split())
+        status, output = run(tmp_path, capsys, monkeypatch, *words.split())
         assert status == 1
-        assert text in said
-        assert said.count("\n") == 1
+        assert text in output
+        assert output.count("\n") == 1
         assert log.read_text() == ""
 
 
@@ -129,8 +129,8 @@ def test_a_second_stuck_cross_connect_in_the_way_of_the_first_is_refused(
 ) -> None:
     with network(tmp_path):
         run(tmp_path, capsys, monkeypatch, "q1", "stuck", "2", "3")
-        status, said = run(tmp_path, capsys, monkeypatch, "q1", "stuck", "2", "2")
-        assert (status, "2 -> 3 is stuck" in said) == (1, True)
+        status, output = run(tmp_path, capsys, monkeypatch, "q1", "stuck", "2", "2")
+        assert (status, "2 -> 3 is stuck" in output) == (1, True)
 
 
 def test_a_dispatcher_that_was_killed_is_named(

@@ -22,15 +22,15 @@ def run(
     whole = ["set", *words.split()]
     arguments = described(whole).parse_args(whole)
     status = arguments.call(arguments)
-    said = capsys.readouterr()
-    return status, said.out + said.err
+    output = capsys.readouterr()
+    return status, output.out + output.err
 
 
 def test_orders_reach_the_fibres_of_the_running_network(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with network(tmp_path) as (_process, log):
-        for words, said, text in (
+        for words, line, text in (
             ("calibrate alice q1", "2 fibres between alice and q1: calibrated\n", "calibrate"),
             (
                 "classical q1 alice 2.5",
@@ -43,7 +43,7 @@ def test_orders_reach_the_fibres_of_the_running_network(
                 "tapped 0.25",
             ),
         ):
-            assert run(tmp_path, capsys, monkeypatch, words) == (0, said)
+            assert run(tmp_path, capsys, monkeypatch, words) == (0, line)
             assert len(logged(log, text, 4)) == 4
 
 
@@ -63,14 +63,14 @@ def test_an_order_that_cannot_be_followed_is_named(
     text: str,
 ) -> None:
     with network(tmp_path):
-        status, said = run(tmp_path, capsys, monkeypatch, words)
+        status, output = run(tmp_path, capsys, monkeypatch, words)
         assert status == 1
-        assert text in said
-        assert said.count("\n") == 1
+        assert text in output
+        assert output.count("\n") == 1
 
 
 def test_where_no_network_runs_the_verbs_say_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    status, said = run(tmp_path, capsys, monkeypatch, "calibrate alice q1")
-    assert (status, "no network runs on this machine" in said) == (1, True)
+    status, output = run(tmp_path, capsys, monkeypatch, "calibrate alice q1")
+    assert (status, "no network runs on this machine" in output) == (1, True)

@@ -32,7 +32,7 @@ runpy.run_module("qmn", run_name="__main__", alter_sys=True)
 """
 
 
-def said(*command: object, **options: object) -> subprocess.CompletedProcess[str]:
+def run(*command: object, **options: object) -> subprocess.CompletedProcess[str]:
     """Run a command to its end."""
     words = [str(word) for word in command]
     return subprocess.run(  # type: ignore[call-overload, no-any-return]
@@ -42,21 +42,21 @@ def said(*command: object, **options: object) -> subprocess.CompletedProcess[str
 
 def test_it_runs_from_anywhere_and_loads_nothing_that_lies_there(tmp_path: Path) -> None:
     (tmp_path / "argparse.py").write_text("raise SystemExit('a trap')")
-    done = said(QMN, "sabot", "--help", cwd=tmp_path)
+    done = run(QMN, "sabot", "--help", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith("usage: qmn sabot ")
 
 
 def test_a_link_to_it_is_it(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(QMN)
-    assert said(tmp_path / "link", "sabot", "--help").stdout.startswith("usage: qmn sabot ")
+    assert run(tmp_path / "link", "sabot", "--help").stdout.startswith("usage: qmn sabot ")
 
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 
 def test_it_tells_its_name_and_version(tmp_path: Path) -> None:
-    done = said(QMN, "--version", cwd=tmp_path)
+    done = run(QMN, "--version", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == f"qmn {PROJECT['version']}\n"
 
@@ -65,7 +65,7 @@ def test_a_checkout_without_its_set_up_says_what_to_type(tmp_path: Path) -> None
     (tmp_path / "bin").mkdir()
     for name in ("requirements.lock", "bin/qmn"):
         shutil.copy(ROOT / name, tmp_path / name)
-    done = said(tmp_path / "bin" / "qmn", "doctor")
+    done = run(tmp_path / "bin" / "qmn", "doctor")
     assert done.returncode == 1
     assert done.stderr == (
         f"qmn: not set up yet (.venv is missing or too old). Type: make -C '{tmp_path}' setup\n"
@@ -104,19 +104,19 @@ def test_root_is_asked_of_sudo_with_the_very_same_words(tmp_path: Path) -> None:
     sudo.chmod(0o755)
     words = ["run", "sdc", "--message", "two words; $HOME"]
     environment = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"}
-    done = said(sys.executable, "-c", AN_ORDINARY_USER, *words, cwd=ROOT, env=environment)
+    done = run(sys.executable, "-c", AN_ORDINARY_USER, *words, cwd=ROOT, env=environment)
     assert done.stdout.splitlines() == [str(QMN), *words]
 
 
 def test_where_there_is_no_sudo_the_user_hears_so(tmp_path: Path) -> None:
     environment = {**os.environ, "PATH": str(tmp_path)}
-    done = said(sys.executable, "-c", AN_ORDINARY_USER, "devices", cwd=ROOT, env=environment)
+    done = run(sys.executable, "-c", AN_ORDINARY_USER, "devices", cwd=ROOT, env=environment)
     assert done.returncode == 1
     assert done.stderr == "qmn: this needs root, and there is no sudo: run it as root\n"
 
 
 def install(prefix: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    return said(ROOT / "setup" / "install", *words, env={**os.environ, "PREFIX": str(prefix)})
+    return run(ROOT / "setup" / "install", *words, env={**os.environ, "PREFIX": str(prefix)})
 
 
 def files_of(folder: Path) -> set[str]:
@@ -138,11 +138,11 @@ def completions(prefix: Path, *words: str, where: Path = ROOT) -> set[str]:
     script = 'source "$1"; shift; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); _shtab_qmn; '
     script += "printf '%s\\n' \"${COMPREPLY[@]}\""
     file = prefix / "share/bash-completion/completions/qmn"
-    return set(said("bash", "-c", script, "bash", file, "qmn", *words, cwd=where).stdout.split())
+    return set(run("bash", "-c", script, "bash", file, "qmn", *words, cwd=where).stdout.split())
 
 
 def test_installed_it_runs_and_is_completed(prefix: Path, tmp_path: Path) -> None:
-    usage = said(prefix / "bin" / "qmn", "--help").stdout
+    usage = run(prefix / "bin" / "qmn", "--help").stdout
     assert usage.startswith("usage: qmn [-h] [--version] VERB")
     assert completions(prefix, "--ver") == {"--version"}
     assert completions(prefix, "set", "cal") == {"calibrate"}
@@ -216,7 +216,7 @@ def test_the_citation_has_the_fields_that_the_format_knows() -> None:
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
 def test_a_signal_after_the_last_word_changes_nothing(name: str, tmp_path: Path) -> None:
     listed = "runs", "--runs", tmp_path, "--json"
-    done = said(sys.executable, "-c", STRUCK_WHILE_IT_ENDS, *listed, name, cwd=ROOT)
+    done = run(sys.executable, "-c", STRUCK_WHILE_IT_ENDS, *listed, name, cwd=ROOT)
     assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "[]", "")
 
 

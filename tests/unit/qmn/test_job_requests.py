@@ -35,7 +35,7 @@ READERS = {
 }
 
 
-def said(*words: str) -> Request:
+def parse(*words: str) -> Request:
     """Return what a command line asks for."""
     arguments = described([*words]).parse_args([*words])
     if words[0] == "netqasm":
@@ -93,7 +93,7 @@ SAME = [
 
 @pytest.mark.parametrize(("words", "request_"), SAME, ids=lambda each: str(each)[:12])
 def test_keywords_ask_for_what_the_command_line_does(words: str, request_: Request) -> None:
-    assert said(*words.split()) == request_
+    assert parse(*words.split()) == request_
 
 
 def test_a_keyword_that_there_is_not_is_refused_by_name() -> None:
@@ -121,13 +121,13 @@ JOBS: list[tuple[str, str, dict[str, Any]]] = [
 ]
 
 
-@pytest.mark.parametrize(("job", "words", "told"), JOBS, ids=[job for job, *_rest in JOBS])
+@pytest.mark.parametrize(("job", "words", "report"), JOBS, ids=[job for job, *_rest in JOBS])
 def test_what_a_result_keeps_fits_its_schema_and_is_read_back(
-    job: str, words: str, told: dict[str, Any]
+    job: str, words: str, report: dict[str, Any]
 ) -> None:
-    request = said(*words.split())
+    request = parse(*words.split())
     parameters = json.loads(json.dumps(kept(request)))
-    assert told.items() <= parameters.items()
+    assert report.items() <= parameters.items()
     place = ROOT["$defs"][f"parameters of {job}"]
     assert problems(parameters, place, ROOT) == []
     again = asked(job, parameters)
@@ -141,7 +141,7 @@ def test_what_a_result_keeps_fits_its_schema_and_is_read_back(
 
 def test_what_means_nothing_is_not_kept() -> None:
     """Of an eavesdropper who is not there, of the run's files, of what a result tells beside."""
-    parameters = kept(said("run", "keys", "--seed", "7", "--metrics", "--without", "events"))
+    parameters = kept(parse("run", "keys", "--seed", "7", "--metrics", "--without", "events"))
     named = {"eve", "at", "until", "seed", "metrics", "events", "keys", "controller", "place"}
     assert not parameters.keys() & named
 

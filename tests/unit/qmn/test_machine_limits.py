@@ -28,9 +28,9 @@ ROOT = Path(__file__).parents[3]
 )
 def test_a_limit_is_named_with_its_remedy(number: int, remedy: str) -> None:
     """As errno(3) words them."""
-    said = limit_met(OSError(number, os.strerror(number), "/run/qmn"))
-    assert said.startswith(f"/run/qmn: {os.strerror(number)}: ")
-    assert remedy in said
+    text = limit_met(OSError(number, os.strerror(number), "/run/qmn"))
+    assert text.startswith(f"/run/qmn: {os.strerror(number)}: ")
+    assert remedy in text
 
 
 @pytest.mark.parametrize("number", [errno.ENOENT, errno.EACCES, errno.EINVAL, errno.ECONNRESET])
@@ -52,6 +52,6 @@ sys.exit(__main__.main())
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
     )
-    said = f"qmn: {tmp_path}: Read-only file system: mount it to be written to, or name another"
+    text = f"qmn: {tmp_path}: Read-only file system: mount it to be written to, or name another"
     assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr == f"{said} folder\n"
+    assert done.stderr == f"{text} folder\n"

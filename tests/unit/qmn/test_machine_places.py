@@ -23,7 +23,7 @@ def test_hosts_go_to_the_machines_in_turn_if_none_is_placed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "error"),
     [
         ("bob", "write HOST=MACHINE"),
         ("eve=m2", "no host eve: choose one of alice, bob, charlie, dave"),
@@ -31,8 +31,8 @@ def test_hosts_go_to_the_machines_in_turn_if_none_is_placed() -> None:
         ("bob=x4", "no machine x4: choose one of m1, m2, m3"),
     ],
 )
-def test_places_that_there_are_not_are_refused(text: str, said: str) -> None:
-    with pytest.raises(BadInput, match=said):
+def test_places_that_there_are_not_are_refused(text: str, error: str) -> None:
+    with pytest.raises(BadInput, match=error):
         places((text,), HOSTS, WORKERS)
 
 

@@ -37,7 +37,7 @@ from wire.results.run_result import Approximated, ServiceJob
 
 def shown(folder: Path, **facts: Any) -> list[str]:
     """Return the lines that a person reads of a run with these facts."""
-    told = sent(
+    report = sent(
         2.0,
         bell_pairs=12_345,
         lost_pairs=6_789,
@@ -45,11 +45,11 @@ def shown(folder: Path, **facts: Any) -> list[str]:
         symbol_errors=20,
         repeated_frames=31,
     )
-    known = message_run(folder, facts.pop("received", b"two bits"), told)
+    known = message_run(folder, facts.pop("received", b"two bits"), report)
     complete(known, folder)
-    said = {"exact": True, "events": False, "timeline": "t", "captures": ["s1-eth1.pcap"]}
+    texts = {"exact": True, "events": False, "timeline": "t", "captures": ["s1-eth1.pcap"]}
     text = StringIO()
-    show(Console(file=text, width=200), replace(known, **{**said, **facts}), folder, "r")
+    show(Console(file=text, width=200), replace(known, **{**texts, **facts}), folder, "r")
     return [" ".join(line.split()) for line in text.getvalue().splitlines()]
 
 
@@ -192,7 +192,7 @@ def test_the_status_of_a_counted_service_says_whether_it_was_done(
 def test_the_status_of_the_keeping_of_keys_says_whether_there_were_any(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, made: int
 ) -> None:
-    told = StoredKeyFigures(
+    report = StoredKeyFigures(
         sessions=1,
         sessions_without_key=0,
         keys=made,
@@ -211,7 +211,7 @@ def test_the_status_of_the_keeping_of_keys_says_whether_there_were_any(
 
     monkeypatch.setattr(keys, "running_network", running)
     monkeypatch.setattr(keys, "start_key_managers", lambda *_: managers)
-    monkeypatch.setattr("applications.keys.time_series.summary", lambda *_: told)
+    monkeypatch.setattr("applications.keys.time_series.summary", lambda *_: report)
     assert status_of("run keys --seconds 1", tmp_path) == (0 if made else 1)
 
 
@@ -226,9 +226,9 @@ def test_the_status_of_a_tunnel_says_whether_its_file_is_there(
         yield
 
     def leave(*given: Any) -> None:
-        told: dict[str, Any] = {"file_intact": intact, "elapsed_s": 1.0}
+        reports: dict[str, Any] = {"file_intact": intact, "elapsed_s": 1.0}
         if intact is not None:
-            given[-1].asking = TunnelFigures(**told)
+            given[-1].asking = TunnelFigures(**reports)
 
     monkeypatch.setattr(vpn, "running_network", running)
     monkeypatch.setattr(vpn, "use_network", leave)

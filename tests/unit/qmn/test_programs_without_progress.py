@@ -50,8 +50,8 @@ class Stepping(Standing):
 def standing_still(folder: Path, name: str, *lines: str) -> Iterator[Program]:
     """Yield a program that has printed these lines, and waits."""
     program = Program(name, folder / f"{name}.log")
-    said = "; ".join(f"print({line!r}, flush=True)" for line in lines)
-    program.start([sys.executable, "-c", f"import time; {said or 'pass'}; time.sleep(60)"])
+    text = "; ".join(f"print({line!r}, flush=True)" for line in lines)
+    program.start([sys.executable, "-c", f"import time; {text or 'pass'}; time.sleep(60)"])
     try:
         yield program
     finally:

@@ -132,8 +132,8 @@ def test_a_wait_for_the_background_has_a_deadline(
 ) -> None:
     monkeypatch.setattr(network_cli, "BACKGROUND_TIMEOUT_S", 0.1)
     cli = QuantumCLI(network, [])
-    said, terminal = os.pipe()
-    with os.fdopen(said) as stdout, open(os.devnull) as cli.stdin:
+    text, terminal = os.pipe()
+    with os.fdopen(text) as stdout, open(os.devnull) as cli.stdin:
         monkeypatch.setattr(cli, "isatty", lambda: False)
         host = SimpleNamespace(
             name="bob", lastCmd="wait", stdout=stdout, waiting=True, shell_ended=False

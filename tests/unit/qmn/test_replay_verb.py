@@ -141,16 +141,18 @@ def test_a_record_that_became_too_long_is_replayed_as_far_as_it_goes(tmp_path: P
     folders[0].mkdir()
     record = (recorded_run(folders[0]) / "dispatcher.record").read_bytes()
     begin = len(MAGIC) + 4 + int.from_bytes(record[len(MAGIC) :][:4])  # MAGIC and the header
-    told = []
+    reports = []
     for number, folder in enumerate(folders[1:], 1):
         folder.mkdir()
         most = begin + (len(record) - begin) * number // 5
         recorded_run(folder, record_bytes=most)
         done = replay(folder)
         assert (done.returncode, done.stderr) == (0, "")
-        told.append(re.fullmatch(r"identical: (\d) events of (\d) requests\n(.*)\n", done.stdout))
-    assert all(each and "has become too long (--file-gib)" in each[3] for each in told)
-    counts = [(int(each[1]), int(each[2])) for each in told if each]
+        reports.append(
+            re.fullmatch(r"identical: (\d) events of (\d) requests\n(.*)\n", done.stdout)
+        )
+    assert all(each and "has become too long (--file-gib)" in each[3] for each in reports)
+    counts = [(int(each[1]), int(each[2])) for each in reports if each]
     assert counts == sorted(counts)
     assert counts[0] == (0, 0)
     assert counts[-1] > (0, 0)

@@ -52,8 +52,8 @@ def test_seals_are_counted_if_there_were_any() -> None:
     seal = {"event": "watched", "compared": 2000, "errors": 3, "end": "OK"}
     preempted = {**seal, "compared": 500, "errors": 0, "end": "BUSY"}
     alarm = {"event": "alarm", "watched": ["q3-q4", "q2-q3"], "closed": True}
-    told = {**alarm, "watched": ["q7-q8"], "closed": False}
-    note_controller(facts, [seal, preempted, alarm, alarm, told])
+    reports = {**alarm, "watched": ["q7-q8"], "closed": False}
+    note_controller(facts, [seal, preempted, alarm, alarm, reports])
     assert facts.watched == WatchedLight(
         monitors=2, preempted=1, compared=2500, errors=3, alarms=3, closed=["q2-q3", "q3-q4"]
     )
@@ -77,7 +77,7 @@ def test_copies_at_switches_are_in_time_late_or_missing() -> None:
 
 
 def test_rates_and_counts_come_from_sender_and_controller(tmp_path: Path) -> None:
-    said = sent(
+    text = sent(
         2.0,
         bell_pairs=40,
         received_symbols=32,
@@ -88,7 +88,7 @@ def test_rates_and_counts_come_from_sender_and_controller(tmp_path: Path) -> Non
         corrected_symbols=7,
         code_rate=0.5,
     )
-    facts = message_run(tmp_path, b"two bits", said)
+    facts = message_run(tmp_path, b"two bits", text)
     lines = [
         {"time_ns": 1, "event": "path_ready", "setup_ms": 3.0, "packet_in_count": 5},
         {"time_ns": 2, "event": "stopped", "packet_in_count": 9},
@@ -97,10 +97,10 @@ def test_rates_and_counts_come_from_sender_and_controller(tmp_path: Path) -> Non
     complete(facts, tmp_path)
     assert facts.path_setup_ms == SetUpTimes(3.0, 3.0, 1)
     assert facts.packet_in_count == 9
-    assert said.symbol_error_rate == 0.25
-    assert said.pairs_per_s == 20.0
+    assert text.symbol_error_rate == 0.25
+    assert text.pairs_per_s == 20.0
     assert (facts.elapsed_s, facts.emulation) == (2.0, {"elapsed_s": 2.0, "pairs_per_s": 20.0})
-    assert coding(said) == {
+    assert coding(text) == {
         "code": "golay, interleaved, rate 0.500",
         "put right by it": "7 wrong symbols, 0 lost ones",
     }
@@ -117,9 +117,9 @@ def test_settings_of_a_result_are_those_of_its_network(tmp_path: Path) -> None:
 
 
 def test_sessions_are_counted_once_each_whatever_they_were_told() -> None:
-    told = [("granted", "a"), ("granted", "a"), ("refused", "b"), ("granted", "c")]
-    told += [("refused", "b"), ("torn_down", "a")]
-    found = sessions([{"event": event, "session": session} for event, session in told])
+    reports = [("granted", "a"), ("granted", "a"), ("refused", "b"), ("granted", "c")]
+    reports += [("refused", "b"), ("torn_down", "a")]
+    found = sessions([{"event": event, "session": session} for event, session in reports])
     assert found == Sessions(granted=2, refused=1, ids=["a", "c"])
 
 
@@ -135,10 +135,10 @@ def test_a_line_that_is_still_being_written_is_left_out(tmp_path: Path) -> None:
 
 def test_rates_are_of_the_network_and_beside_them_of_the_emulation(tmp_path: Path) -> None:
     """The application tells of a fifth of a second in the network, which took two here."""
-    said = sent(0.2, bell_pairs=40)
-    facts = message_run(tmp_path, b"two bits", said, time_scale=10.0)
+    text = sent(0.2, bell_pairs=40)
+    facts = message_run(tmp_path, b"two bits", text, time_scale=10.0)
     complete(facts, tmp_path)
-    assert (facts.elapsed_s, said.pairs_per_s) == (0.2, 200.0)
+    assert (facts.elapsed_s, text.pairs_per_s) == (0.2, 200.0)
     assert facts.emulation == {"elapsed_s": 2.0, "pairs_per_s": 20.0}
 
 

@@ -72,8 +72,8 @@ def test_fibres_and_devices_are_read_back_as_they_were(tmp_path: Path) -> None:
 def test_a_device_is_told_by_what_is_not_ideal_and_made_of_that_again() -> None:
     source = PairSource("poisson", 0.4, decoys=(0.1, 0.0), bell_diagonal=(0.7, 0.1, 0.1, 0.1))
     device = Device(source, Memory(t1_s=2.0, noise_parameters={"a": [1]}), sensor=Sensor(0.5))
-    told = json.loads(json.dumps(device.to_dict()))
-    assert told == {
+    content = json.loads(json.dumps(device.to_dict()))
+    assert content == {
         "source": {
             "statistics": "poisson",
             "mean_pairs": 0.4,
@@ -83,9 +83,9 @@ def test_a_device_is_told_by_what_is_not_ideal_and_made_of_that_again() -> None:
         "memory": {"t1_s": 2.0, "noise_parameters": {"a": [1]}},
         "sensor": {"phase_rad": 0.5},
     }
-    assert read(Device, told) == device
+    assert read(Device, content) == device
     root = schema.json_schema()
-    assert problems(told, root["$defs"]["Device"], root) == []
+    assert problems(content, root["$defs"]["Device"], root) == []
 
 
 def test_the_result_of_a_service_fits(tmp_path: Path) -> None:
@@ -171,9 +171,9 @@ def test_moments_that_no_program_tells_are_refused() -> None:
 
 
 def test_figures_that_no_service_has_are_refused() -> None:
-    for told in ({"luck": 1}, {"states": 7}, {**vars(teleported()), "luck": 1}):
+    for report in ({"luck": 1}, {"states": 7}, {**vars(teleported()), "luck": 1}):
         with pytest.raises(MalformedPacket, match=r"none of Figures, .*TeleportFigures"):
-            figures(told)
+            figures(report)
     with pytest.raises(TypeError, match="TeleportFigures has no luck"):
         teleported(luck=1)
 
@@ -181,8 +181,8 @@ def test_figures_that_no_service_has_are_refused() -> None:
 def test_figures_that_are_not_told_are_not_in_the_result(tmp_path: Path) -> None:
     """Of pairs that have waited for nothing there is no wait: it is not 0, and not unknown."""
     names = [each.name for each in fields(cast("Any", PairFigures)) if each.default is MISSING]
-    told: PairFigures = cast("Any", PairFigures)(**dict.fromkeys(names, 1), dropped=3)
-    complete(service_run(told), tmp_path)
+    reports: PairFigures = cast("Any", PairFigures)(**dict.fromkeys(names, 1), dropped=3)
+    complete(service_run(reports), tmp_path)
     asking = json.loads((tmp_path / "result.json").read_text())["job"]["asking"]
     assert asking == {**dict.fromkeys(names, 1), "dropped": 3}
-    assert (told.dropped, told.attempts, told.waited_ms) == (3, 0, None)
+    assert (reports.dropped, reports.attempts, reports.waited_ms) == (3, 0, None)

@@ -55,9 +55,9 @@ def test_a_run_that_fails_tells_why_and_where_its_report_is(
     facts.network = NETWORK
     found, report = failed(tmp_path, facts, fault)
     assert found == status
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.splitlines() == [words, f"report to look at: {report}"]
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.splitlines() == [words, f"report to look at: {report}"]
     assert json.loads((tmp_path / "result.json").read_text())["error"] == str(fault)
 
 
@@ -105,8 +105,8 @@ def test_a_run_whose_folder_cannot_be_written_says_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], number: int
 ) -> None:
     assert failed(tmp_path, service_run(), OSError(number, os.strerror(number)))[0] == 1
-    said = capsys.readouterr().err
-    assert said.startswith(f"qmn: cannot write to the folder of the run, {tmp_path}: ")
+    text = capsys.readouterr().err
+    assert text.startswith(f"qmn: cannot write to the folder of the run, {tmp_path}: ")
 
 
 def test_a_network_of_a_script_whose_folder_is_removed_says_so(tmp_path: Path) -> None:

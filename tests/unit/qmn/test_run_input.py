@@ -240,13 +240,13 @@ def test_devices_are_those_of_the_preset_but_for_what_is_said() -> None:
     words = ["--preset", "lab", "--device", "bob.analyser.kind=linear"]
     words += ["--device", "charlie.source.bell_diagonal=[0.97, 0.01, 0.01, 0.01]"]
     words += ["--device", "charlie.source.fidelity=1"]
-    said = network(*words).stated_devices
+    text = network(*words).stated_devices
     preset = network("--preset", "lab").topo.nodeInfo("bob")["device"]
-    assert said["bob"].detectors == preset.detectors
-    assert said["bob"].analyser.kind == "linear"
-    assert said["charlie"].to_dict()["source"] == {"bell_diagonal": (0.97, 0.01, 0.01, 0.01)}
+    assert text["bob"].detectors == preset.detectors
+    assert text["bob"].analyser.kind == "linear"
+    assert text["charlie"].to_dict()["source"] == {"bell_diagonal": (0.97, 0.01, 0.01, 0.01)}
     built = network(*words).topo
-    assert built.nodeInfo("bob")["device"] == said["bob"]
+    assert built.nodeInfo("bob")["device"] == text["bob"]
     assert built.nodeInfo("alice")["device"] == preset
     assert network().stated_devices == {"every": Device()}
 

@@ -62,8 +62,8 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (run / "result.json").write_text(json.dumps(spoiled({**result, "error": "why"})))
     for file in (run / "controller.jsonl", run / "asking.log"):
         lines = [json.loads(line) for line in file.read_text().splitlines()]
-        told = [{**line, "detail": HOSTILE} for line in lines if line["event"] == "path_ready"]
-        file.write_text("".join(f"{json.dumps(line)}\n" for line in told or lines))
+        reports = [{**line, "detail": HOSTILE} for line in lines if line["event"] == "path_ready"]
+        file.write_text("".join(f"{json.dumps(line)}\n" for line in reports or lines))
     with (run / "quantum.pcapng").open("wb") as opened:
         EventCapture(opened, NETWORK.fibers).record(*spoiled_events())
     (run / "quantum.log").write_text(f"{HOSTILE}\n")

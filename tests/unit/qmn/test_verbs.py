@@ -33,20 +33,20 @@ def test_without_a_verb_all_are_told(words: list[str], capsys: pytest.CaptureFix
     parser = described(words)
     with pytest.raises(SystemExit):
         parser.parse_args(words)
-    told = parser.format_help().partition("options:")[0]
-    assert re.findall(r"^  (\w+) ", told, re.MULTILINE) == [*VERBS]
+    report = parser.format_help().partition("options:")[0]
+    assert re.findall(r"^  (\w+) ", report, re.MULTILINE) == [*VERBS]
     if words == ["sudoku"]:
         assert "VERB 'sudoku': choose one of run, cli, script" in capsys.readouterr().err
 
 
 def test_verbs_are_listed_under_what_somebody_wants_to_do() -> None:
-    told = described().format_help()
+    report = described().format_help()
     for title, verbs in HEADINGS.items():
-        listed = told.partition(f"\n{title}:\n")[2].partition("\n\n")[0]
+        listed = report.partition(f"\n{title}:\n")[2].partition("\n\n")[0]
         assert [line.split()[0] for line in listed.splitlines()] == [*verbs]
         assert all(len(line.split()) > 2 for line in listed.splitlines())  # what it does, too
     assert len(set(VERBS)) == len(VERBS)
-    assert f"\n{'  --version':<14}print name and version, and end\n" in told
+    assert f"\n{'  --version':<14}print name and version, and end\n" in report
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_help_and_a_verb_do_not_wait_for_what_others_load(word: str, needed: set
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "text"),
     [
         (
             ["run", "sdc", "--mesage", "hi"],
@@ -92,12 +92,12 @@ def test_help_and_a_verb_do_not_wait_for_what_others_load(word: str, needed: set
     ],
 )
 def test_a_slip_is_one_line_of_the_verb_with_what_is_near(
-    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+    words: list[str], text: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
         described(words).parse_args(words)
     assert ended.value.code == 2
-    assert capsys.readouterr().err == f"{said}\n"
+    assert capsys.readouterr().err == f"{text}\n"
 
 
 @pytest.mark.parametrize(("text", "whole"), [("1e6", 1_000_000), ("2.0", 2), ("-3", -3)])
@@ -121,24 +121,27 @@ def test_a_percentage_is_answered_by_the_number_that_it_is(
 def test_the_options_of_a_run_are_in_groups(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         described(["run"]).parse_args(["run", "sdc", "--help-all"])
-    told = capsys.readouterr().out
-    assert told.startswith("usage: qmn run sdc [options]\n")
+    output = capsys.readouterr().out
+    assert output.startswith("usage: qmn run sdc [options]\n")
     titles = ["options", "the job", "the network", "light and noise", "time and simulation"]
     titles += ["copper and control", "what is written and served", "several machines"]
-    assert re.findall(r"^(\S.*):$", told, re.MULTILINE) == titles
-    assert "--message" in told[told.index("the job:") : told.index("the network:")]
-    assert "--copper-km" in told[told.index("copper and control:") : told.index("what is written")]
+    assert re.findall(r"^(\S.*):$", output, re.MULTILINE) == titles
+    assert "--message" in output[output.index("the job:") : output.index("the network:")]
+    assert (
+        "--copper-km"
+        in output[output.index("copper and control:") : output.index("what is written")]
+    )
 
 
 @pytest.mark.parametrize("job", ["sdc", "teleport", "swap", "qkd", "keys", "load"])
 def test_help_has_the_options_that_matter(job: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         described(["run"]).parse_args(["run", job, "--help"])
-    told = capsys.readouterr().out
-    options = set(re.findall(r"^  (--[a-z-]+)", told, re.MULTILINE)) - {"--help-all"}
+    output = capsys.readouterr().out
+    options = set(re.findall(r"^  (--[a-z-]+)", output, re.MULTILINE)) - {"--help-all"}
     assert {"--topology", "--preset", "--length-km", "--seed", "--live"} < options
     assert 8 <= len(options) <= 13
-    assert re.search(rf"^\d+ more options: qmn run {job} --help-all$", told, re.MULTILINE)
+    assert re.search(rf"^\d+ more options: qmn run {job} --help-all$", output, re.MULTILINE)
 
 
 @pytest.mark.parametrize("text", ["1.5", "1e", "inf", "nan", "2%"])

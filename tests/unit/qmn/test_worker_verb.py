@@ -19,9 +19,9 @@ def test_what_is_no_address_is_told_in_one_line(
 ) -> None:
     arguments = described(["worker"]).parse_args(["worker", address])
     assert arguments.call(arguments) == 1
-    said = capsys.readouterr()
+    output = capsys.readouterr()
     words = f"qmn: scheduler {address!r}: write tcp://HOST:PORT, or tls://HOST:PORT\n"
-    assert (said.out, said.err) == ("", words)
+    assert (output.out, output.err) == ("", words)
 
 
 @pytest.mark.parametrize(
@@ -36,8 +36,8 @@ def test_a_worker_that_cannot_start_says_why_and_nothing_else(
 ) -> None:
     with pytest.raises(NetworkError, match="the worker cannot start: TLS expects a `ssl_context`"):
         asyncio.run(worker.serve("tls://127.0.0.1:1", "m2", ""))
-    said = capfd.readouterr()
-    assert said.out + said.err == ""
+    output = capfd.readouterr()
+    assert output.out + output.err == ""
 
 
 def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -134,17 +134,17 @@ def flow_request(xid: int, aggregate: bool = False) -> bytes:
 
 def entry_bytes(message: bytes, mark: Mark | None = None) -> tuple[bytes, bytes]:
     """Return match and instructions of a FLOW_MOD, as the bridge holds them."""
-    told = FlowMod.decode(message)
-    told = told.marked(mark) if mark else told
-    return matches.join(told.match), told.instructions.data
+    report = FlowMod.decode(message)
+    report = report.marked(mark) if mark else report
+    return matches.join(report.match), report.instructions.data
 
 
 def flow_update(event: int, message: bytes, mark: Mark | None = None) -> bytes:
     """Return one update of a flow monitor about the entry that a FLOW_MOD adds."""
-    told = FlowMod.decode(message)
+    report = FlowMod.decode(message)
     match, instructions = entry_bytes(message, mark)
     length = flow_reports.UPDATE.size + len(match) + len(instructions)
-    fixed = (length, event, 0, 0, 0, told.hard_timeout_s, told.priority, told.cookie)
+    fixed = (length, event, 0, 0, 0, report.hard_timeout_s, report.priority, report.cookie)
     return flow_reports.UPDATE.pack(*fixed) + match + instructions
 
 
@@ -155,20 +155,20 @@ def monitor_reply(*updates: bytes, more: bool = False) -> bytes:
 
 def flow_entry(message: bytes, mark: Mark | None = None, packet_count: int = 0) -> bytes:
     """Return the part of a FLOW reply about the entry that a FLOW_MOD adds."""
-    told = FlowMod.decode(message)
+    report = FlowMod.decode(message)
     match, instructions = entry_bytes(message, mark)
     length = flow_reports.STATISTICS.size + len(match) + len(instructions)
-    fixed = (length, told.table, 5, 0, told.priority, 0, told.hard_timeout_s, told.flags, 0)
-    counted = (told.cookie, packet_count, packet_count * 60)
+    fixed = (length, report.table, 5, 0, report.priority, 0, report.hard_timeout_s, report.flags, 0)
+    counted = (report.cookie, packet_count, packet_count * 60)
     return flow_reports.STATISTICS.pack(*fixed, *counted) + match + instructions
 
 
 def flow_removed(message: bytes, reason: int = ofp.OFPRR_DELETE) -> bytes:
     """Return the FLOW_REMOVED of the entry that a FLOW_MOD adds."""
-    told = FlowMod.decode(message)
-    fixed = (told.cookie, told.priority, reason, 0, 5, 0, 0, told.hard_timeout_s, 0, 0)
+    report = FlowMod.decode(message)
+    fixed = (report.cookie, report.priority, reason, 0, 5, 0, 0, report.hard_timeout_s, 0, 0)
     return encode(
-        ofp.OFPT_FLOW_REMOVED, 0, flow_reports.GONE.pack(*fixed) + matches.join(told.match)
+        ofp.OFPT_FLOW_REMOVED, 0, flow_reports.GONE.pack(*fixed) + matches.join(report.match)
     )
 
 

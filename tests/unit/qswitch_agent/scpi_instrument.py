@@ -34,7 +34,7 @@ class Instrument:
         self.log: list[str] = []
         self.settle_s = 0.0
         self.settled_s = 0.0
-        self.said: list[str] = []
+        self.replies: list[str] = []
         self.answers_left: int | None = None
         self.without: list[str] = []
 
@@ -94,7 +94,7 @@ class Instrument:
         self.answers_left = int(argument)
 
     def say(self, argument: str) -> None:
-        self.said.append(argument.replace("\\n", "\n").replace("\\xff", "\xff"))
+        self.replies.append(argument.replace("\\n", "\n").replace("\\xff", "\xff"))
 
     def settle(self, argument: str) -> None:
         self.settle_s = float(argument)
@@ -158,8 +158,8 @@ class Session:
             instrument.answers_left -= 1
             if instrument.answers_left < 0:
                 return
-        if instrument.said and not test:
-            text = instrument.said.pop(0)
+        if instrument.replies and not test:
+            text = instrument.replies.pop(0)
         self._writer.write(f"{text}\n".encode("latin-1"))
 
 

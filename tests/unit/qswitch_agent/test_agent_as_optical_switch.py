@@ -39,9 +39,9 @@ def test_bridge_is_shown_as_an_optical_switch() -> None:
             (optics,) = fiber.properties
             assert (optics.tx_min_freq_lmda, optics.tx_grid_freq_lmda) == (191_350_000, 50_000)
             assert (fiber.state & ofp.OFPPS_LIVE, other.properties) == (ofp.OFPPS_LIVE, [])
-            told = of.decoded(await now.controller.next()).desc
-            (optics,) = told.properties
-            assert (told.port_no, told.config) == (2, 0)
+            report = of.decoded(await now.controller.next()).desc
+            (optics,) = report.properties
+            assert (report.port_no, report.config) == (2, 0)
             assert optics.supported == optical.TUNABLE
 
     play(scene())

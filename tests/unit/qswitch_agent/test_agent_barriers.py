@@ -25,9 +25,9 @@ async def committed(now: Stage, *members: bytes) -> list[FlowMod]:
     """Let a controller commit a bundle with a barrier behind; return the messages to the bridge."""
     asked = [*of.bundle(5, *members), of.barrier_request(7)]
     now.controller.says(*asked)
-    told = [await now.bridge.next() for _message in asked]
-    assert told[-1] == asked[-1]
-    inner = [packets.bundle_member(each)[1] for each in told[1:-2]]
+    reports = [await now.bridge.next() for _message in asked]
+    assert reports[-1] == asked[-1]
+    inner = [packets.bundle_member(each)[1] for each in reports[1:-2]]
     return [FlowMod.decode(each) for each in inner]
 
 

@@ -120,9 +120,9 @@ def test_ports_are_handed_over_as_they_are_and_as_they_change(tmp_path: Path) ->
             bridge.writer.write(port_status(port(3), ofp.OFPPR_DELETE))
             bridge.says(ofp.OFPT_ECHO_REQUEST, 5)
             await bridge.reader.readexactly(HEADER.size)
-            told = [(state.number, state.up) for state in bridge.ports]
+            reports = [(state.number, state.up) for state in bridge.ports]
             first, then = [(1, True), (2, False), (3, True)], [(1, False), (2, True), (3, False)]
-            assert told == first + then
+            assert reports == first + then
 
     play(scene())
 

@@ -205,8 +205,8 @@ def test_entry_is_found_by_priority_and_match() -> None:
 def test_change_of_a_copy_leaves_the_table_alone() -> None:
     before = table(entry(1, 2))
     trial = before.copy()
-    told = of.mod({"in_port": 3}, of.outputs(4), priority=7)
-    assert trial.change(told) == [told]
+    report = of.mod({"in_port": 3}, of.outputs(4), priority=7)
+    assert trial.change(report) == [report]
     assert (pairs(trial), pairs(before)) == ({(1, 2), (3, 4)}, {(1, 2)})
 
 
@@ -257,15 +257,15 @@ def test_modify_keeps_cookie_mark_and_time_outs_of_each_entry() -> None:
     marks = Mark(30, 77), Mark(0, 78)
     entries = [entry(1, 2, 7, cookie=5, mark=marks[0]), entry(1, 3, 8, cookie=6, mark=marks[1])]
     two = table(*entries, entry(2, 1))
-    told = two.change(modify({"in_port": 1}, 4, idle_timeout=3, cookie=9))
-    assert [(one.command, one.priority, one.cookie) for one in told] == [
+    report = two.change(modify({"in_port": 1}, 4, idle_timeout=3, cookie=9))
+    assert [(one.command, one.priority, one.cookie) for one in report] == [
         (ofp.OFPFC_MODIFY_STRICT, 7, 5),
         (ofp.OFPFC_MODIFY_STRICT, 8, 6),
     ]
-    assert [one.instructions.data for one in told] == [
+    assert [one.instructions.data for one in report] == [
         of.light_instructions(mark, 4) for mark in marks
     ]
-    assert {one.idle_timeout_s for one in told} == {0}
+    assert {one.idle_timeout_s for one in report} == {0}
     assert pairs(two) == {(1, 4), (2, 1)}
     assert {(one.mark, one.cookie) for one in two.marked()} == {(marks[0], 5), (marks[1], 6)}
 
@@ -283,18 +283,18 @@ def test_modify_of_nothing_adds_nothing() -> None:
 
 def test_strict_modify_changes_one_entry() -> None:
     two = table(entry(1, 2, 7), entry(1, 3, 8))
-    (told,) = two.change(
+    (report,) = two.change(
         of.mod({"in_port": 1}, of.outputs(4), command=ofp.OFPFC_MODIFY_STRICT, priority=7)
     )
-    assert told.priority == 7
+    assert report.priority == 7
     two.change(of.mod({"in_port": 1}, command=ofp.OFPFC_DELETE_STRICT, priority=8))
     assert pairs(two) == {(1, 4)}
 
 
 def test_modify_to_nothing_makes_the_entry_dark() -> None:
     one = table(entry(1, 2, mark=Mark(0, 3)))
-    (told,) = one.change(of.mod({"in_port": 1}, **MODIFY))
-    assert told.instructions.data == of.light_instructions(Mark(0, 3), None)
+    (report,) = one.change(of.mod({"in_port": 1}, **MODIFY))
+    assert report.instructions.data == of.light_instructions(Mark(0, 3), None)
     assert pairs(one) == set()
 
 

@@ -46,14 +46,14 @@ FLOW_MOD = struct.Struct("!QQBBHHHIIIHH")  # as in the specification, 7.3.4.2
 
 def judged(message: bytes) -> None:
     mod = FlowMod.decode(message)
-    told = [mod]
+    reports = [mod]
     if is_light(mod, FlowTable(FIBERS)):
         table = FlowTable(FIBERS)
         for fibers in ((1, 2), (3, 4)):
             table.change(of.mod({"in_port": fibers[0]}, of.outputs(fibers[1])))
-        told = table.change(mod)
+        reports = table.change(mod)
         plan_is_sound(table)
-    for one in told:
+    for one in reports:
         again = FlowMod.decode(one.encode(1))
         assert (again.fields, again.instructions) == (one.fields, one.instructions)
 
@@ -147,10 +147,10 @@ OF_BRIDGE: dict[int, list[Reader]] = {
 def test_parsers_raise_nothing_but_what_they_should(side: str) -> None:
     random = Random(1604)
     readers = OF_CONTROLLER if side == "controller" else OF_BRIDGE
-    said = [one for scene in requests() for one in scene] if side == "controller" else replies()
+    text = [one for scene in requests() for one in scene] if side == "controller" else replies()
     outcomes: Counter[str] = Counter()
-    said = [one for one in said if one[1] in readers]
-    for message in [spoiled(random.choice(said), random) for _time in range(COUNT)]:
+    text = [one for one in text if one[1] in readers]
+    for message in [spoiled(random.choice(text), random) for _time in range(COUNT)]:
         for read in readers.get(message[1], []):
             try:
                 read(message)
@@ -236,29 +236,31 @@ class Bridge:
     def _change(self, message: bytes) -> None:
         if message[1] != ofp.OFPT_FLOW_MOD:
             return
-        told = FlowMod.decode(message)
-        if told.deletes:
-            self._delete(told)
+        report = FlowMod.decode(message)
+        if report.deletes:
+            self._delete(report)
         elif (path := light_path(message)) is not None:
-            self._open(told, path)
+            self._open(report, path)
 
-    def _open(self, told: FlowMod, path: tuple[int, int]) -> None:
-        entry = flows.entry(told.priority, told.match, told.instructions, told.cookie)
-        if told.command != ofp.OFPFC_ADD and entry.key not in self._entries:
+    def _open(self, report: FlowMod, path: tuple[int, int]) -> None:
+        entry = flows.entry(report.priority, report.match, report.instructions, report.cookie)
+        if report.command != ofp.OFPFC_ADD and entry.key not in self._entries:
             # The agent names each light entry that it lets be modified.
-            assert told.strict or told.match not in {match for _priority, match in self._entries}
+            assert report.strict or report.match not in {
+                match for _priority, match in self._entries
+            }
             return
         assert entry.mark
         self._entries[entry.key] = entry
         self.paths.add(path)
         self._now.reports.waiting.append(FlowUpdate(ADDED, entry))
 
-    def _delete(self, told: FlowMod) -> None:
+    def _delete(self, report: FlowMod) -> None:
         """Delete what the agent's own table would; its tests establish what that is."""
         table = FlowTable(FIBERS)
         for entry in self._entries.values():
             table.apply(FlowUpdate(ADDED, entry))
-        table.change(told)
+        table.change(report)
         for key, entry in list(self._entries.items()):
             if table.find(*key) is None:
                 del self._entries[key]
@@ -354,7 +356,7 @@ def watched(failures: list[Any]) -> None:
 @THROUGH_THE_AGENT
 def test_spoiled_requests_open_no_path_and_stop_nothing(count: int) -> None:
     taken: Counter[int] = Counter()
-    told: Counter[int] = Counter()
+    reports: Counter[int] = Counter()
     opened = 0
 
     async def one_round(random: Random) -> None:
@@ -363,16 +365,16 @@ def test_spoiled_requests_open_no_path_and_stop_nothing(count: int) -> None:
             bridge = Bridge(now, now.bridge)
             running = asyncio.create_task(bridge.run())
             hearing = asyncio.create_task(hear_out(now.controller))
-            said = 0
-            while said < ROUND:
+            text = 0
+            while text < ROUND:
                 scene = random.choice(requests_of_a_controller)
                 spoil = random.randrange(len(scene))
                 for number, message in enumerate(scene):
                     now.controller.says(spoiled(message, random) if number == spoil else message)
-                said += 1
+                text += 1
             now.controller.writer.write_eof()
             await running
-            told.update(message[1] for message in await hearing)
+            reports.update(message[1] for message in await hearing)
             await now.switch.synchronise()
             await now.switch.paths.ready()
             taken.update(bridge.taken)
@@ -394,13 +396,13 @@ def test_spoiled_requests_open_no_path_and_stop_nothing(count: int) -> None:
     play(scene())
     assert taken[ofp.OFPT_FLOW_MOD] > count / 20
     assert taken[ofp.OFPT_BUNDLE_ADD_MESSAGE] > count / 20
-    assert told[ofp.OFPT_ERROR] > count / 20
+    assert reports[ofp.OFPT_ERROR] > count / 20
     assert opened > count / 1000
 
 
 @THROUGH_THE_AGENT
 def test_spoiled_replies_open_no_path_and_stop_nothing(count: int) -> None:
-    told: Counter[int] = Counter()
+    reports: Counter[int] = Counter()
 
     async def one_connection(now: Stage, random: Random) -> None:
         bridge, controller = await now.connect()
@@ -413,7 +415,7 @@ def test_spoiled_replies_open_no_path_and_stop_nothing(count: int) -> None:
         for _message in range(FEW):
             bridge.says(spoiled(random.choice(replies_of_a_bridge), random))
         bridge.writer.write_eof()
-        told.update(message[1] for message in await hearing)
+        reports.update(message[1] for message in await hearing)
         await asking
         for end in (bridge, controller):
             end.writer.close()
@@ -433,5 +435,5 @@ def test_spoiled_replies_open_no_path_and_stop_nothing(count: int) -> None:
 
     replies_of_a_bridge = replies()
     play(scene())
-    assert told[ofp.OFPT_MULTIPART_REPLY] > count * 0.015
-    assert told[ofp.OFPT_PACKET_IN] > count * 0.015
+    assert reports[ofp.OFPT_MULTIPART_REPLY] > count * 0.015
+    assert reports[ofp.OFPT_PACKET_IN] > count * 0.015

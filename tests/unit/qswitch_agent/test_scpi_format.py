@@ -115,12 +115,12 @@ def test_mutated_replies_are_garbled_or_mean_what_they_say() -> None:
         for _change in range(rng.randint(1, 3)):
             position = rng.randrange(len(mutated))
             mutated[position : position + rng.randint(0, 1)] = rng.choice('(@),0179-+."eE _ F;')
-        said = "".join(mutated)
+        output = "".join(mutated)
         try:
-            found = read(said)
+            found = read(output)
         except GarbledReply:
             outcomes["garbled"] += 1
         else:
-            assert found == means(read, said), said
+            assert found == means(read, output), output
             outcomes["alike" if found == meaning else "other"] += 1
     assert min(outcomes.values()) > 100, outcomes

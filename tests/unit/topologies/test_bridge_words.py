@@ -31,10 +31,10 @@ def database(tmp_path: Path) -> Iterator[str]:
     words = ["--unixctl", str(tmp_path / "ctl"), f"--remote=punix:{socket}", str(file)]
     server = subprocess.Popen(["ovsdb-server", *words], stderr=subprocess.DEVNULL)
     try:
-        told = f"unix:{socket}"
-        ovs("ovsdb-client", "--timeout=20", "wait", told, "Open_vSwitch", "connected")
-        vsctl(told, "init")
-        yield told
+        report = f"unix:{socket}"
+        ovs("ovsdb-client", "--timeout=20", "wait", report, "Open_vSwitch", "connected")
+        vsctl(report, "init")
+        yield report
     finally:
         server.kill()
         server.wait()

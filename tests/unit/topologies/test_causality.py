@@ -74,8 +74,8 @@ def test_a_controller_may_tell_a_switch_before_light_does(network: Runtime) -> N
 def test_news_takes_the_fastest_way_there_is(network: Runtime) -> None:
     lay(network, alice=300.0, bob=100.0)
     for one, other in (("alice", "bob"), ("bob", "alice")):
-        told = shortest(ways_of_news(network), one)
-        assert told[other] == pytest.approx(400.0 / LIGHT_KM_PER_S)
+        report = shortest(ways_of_news(network), one)
+        assert report[other] == pytest.approx(400.0 / LIGHT_KM_PER_S)
 
 
 def test_ways_are_sought_twice_for_each_host_and_not_for_each_two(

@@ -1,4 +1,4 @@
-"""The description of a topology, whoever has written it."""
+"""The description of a topology, ours or of another author."""
 
 from typing import Any
 

@@ -197,7 +197,7 @@ def test_one_that_is_killed_is_said_to_be(dispatcher: Program) -> None:
 def test_how_one_ended_is_told_to_all_threads_that_ask() -> None:
     """The kernel tells it once (waitpid(2))."""
 
-    def told(child: Forked) -> int:
+    def report(child: Forked) -> int:
         while (status := child.poll()) is None:
             pass
         return status
@@ -205,7 +205,7 @@ def test_how_one_ended_is_told_to_all_threads_that_ask() -> None:
     with ThreadPoolExecutor(4) as pool:
         for _attempt in range(50):
             pid = os.posix_spawn("/bin/sh", ["sh", "-c", "exit 3"], {})
-            assert [*pool.map(told, [Forked(pid)] * 4)] == [3] * 4
+            assert [*pool.map(report, [Forked(pid)] * 4)] == [3] * 4
 
 
 @pytest.mark.parametrize(
@@ -237,8 +237,8 @@ def test_what_fails_in_a_server_forked_off_a_runner_does_not_clean_up_there(tmp_
     log = tmp_path / "log"
     command = [sys.executable, "-c", FAILING, str(log), str(gone.pid)]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as runner:
-        said, _ = runner.communicate(timeout=SOON_S)
-    assert said.splitlines() == ["1", f"clean-up of {runner.pid}"]
+        text, _ = runner.communicate(timeout=SOON_S)
+    assert text.splitlines() == ["1", f"clean-up of {runner.pid}"]
     fault = f"fault: process {gone.pid}, the shell of its node, was ended\n"
     assert log.read_text() == fault
 
@@ -305,7 +305,7 @@ def test_a_server_that_a_signal_has_stopped_is_waited_for_once(
 
 def test_the_command_itself_has_the_environment_of_programs() -> None:
     """Else none could be forked off it."""
-    told = subprocess.run(
+    output = subprocess.run(
         ["bash", "-c", f"exec() {{ env; }}; source {ROOT}/bin/qmn"],
         env={"PATH": os.environ["PATH"]},
         capture_output=True,
@@ -313,12 +313,12 @@ def test_the_command_itself_has_the_environment_of_programs() -> None:
         check=True,
     )
     assert {f"{name}={value}" for name, value in ENVIRONMENT.items()} <= set(
-        told.stdout.splitlines()
+        output.stdout.splitlines()
     )
 
 
 def test_loggers_of_what_is_loaded_beside_mininet_are_not_mininets() -> None:
-    """All would be Mininet's that are made after it is loaded, and say nothing of what happens."""
+    """Mininet's loggers would replace all that are made after it is loaded, and log nothing."""
     loaded = "topologies.system.processes.forks, mininet.net, logging"
     script = f"import {loaded}; print(type(logging.getLogger('ours')))"
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, check=True)

@@ -17,10 +17,10 @@ ENDS = {
 
 
 class Console:
-    """A controller that says of both ends what is told, one after the other."""
+    """A controller that passes on the reports of both ends, one after the other."""
 
-    def __init__(self, *told: tuple[bool, bool]) -> None:
-        self.left = list(told)
+    def __init__(self, *report: tuple[bool, bool]) -> None:
+        self.left = list(report)
 
     def ask(self) -> Any:
         """Return what is next."""

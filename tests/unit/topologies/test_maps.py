@@ -81,9 +81,9 @@ def test_graphml_says_lengths_or_positions(tmp_path: Path) -> None:
     file.write_text(GRAPHML)
     found = read_map(str(file))
     assert [place.name for place in found.places] == ["nullisland", "hq1", "zurich"]
-    quarter, said = found.ways  # of the equator
+    quarter, text = found.ways  # of the equator
     assert quarter.length_km == pytest.approx(EARTH_KM * pi / 2)
-    assert said.length_km == 7.5
+    assert text.length_km == 7.5
     assert len(positions(found)) == 3
     nowhere = re.sub('<data key="d[123]">[0-9.]+</data>', "", GRAPHML)
     file.write_text(nowhere)

@@ -41,7 +41,7 @@ def started(folder: Path, name: str) -> Program:
 def test_an_application_that_was_struck_is_named_when_it_is_seen_again(
     network: Any, tmp_path: Path, ended_by: str
 ) -> None:
-    """What ends because its host's shell does may be seen before that."""
+    """The end of a program may be seen before that of its host's shell, which caused it."""
     program = started(tmp_path, "asking")
     network._applications.append(program)
     network.check()

@@ -1,4 +1,4 @@
-"""The parameters of kinds of nodes, and what no node is made of."""
+"""The parameters of kinds of nodes, and their refusals."""
 
 import shlex
 import subprocess
@@ -93,13 +93,13 @@ def test_parts_of_a_hosts_hardware_replace_those_of_its_device(
 def test_root_of_a_host_without_a_user_namespace_cannot_take_limits_off(
     kind: type[ConfinedNode | NodeElsewhere], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Who has SYS_RESOURCE raises hard limits: capabilities(7)."""
-    told: list[str] = []
+    """A process with SYS_RESOURCE raises hard limits: capabilities(7)."""
+    reports: list[str] = []
     machine = SimpleNamespace(root="/qmn", ask=lambda *_, **__: [], put=lambda *_: None)
     node: Any = SimpleNamespace(
         name="bob",
         machine=machine,
-        write=told.append,
+        write=reports.append,
         await_shell=lambda *_: None,
         shell=SimpleNamespace(pid=1, user=None),
         _user=None,
@@ -110,7 +110,7 @@ def test_root_of_a_host_without_a_user_namespace_cannot_take_limits_off(
         "topologies.system.confinement.confinement.MemoryGroup.of_host", lambda *_: None
     )
     kind.confine(node, {}, [], tmp_path / "fstab", 64)
-    words = shlex.split(told[0])
+    words = shlex.split(reports[0])
     given_up = words[words.index("bob") + 2].split(",")
     assert {"-sys_admin", "-sys_resource", "-dac_read_search", "-sys_module"} <= set(given_up)
     assert words[words.index("bob") + 1] == str(64 << 10)  # KiB, as ulimit(1p) takes them
@@ -123,5 +123,5 @@ def test_a_program_of_a_host_without_a_user_namespace_has_the_powers_and_memory_
     enter = ConfinedNode._enter(node, "/")
     assert enter[enter.index("setpriv") :] == ["setpriv", f"--bounding-set={confinement.GIVEN_UP}"]
     limited = enter[enter.index("prlimit") : enter.index("setpriv")]
-    said = subprocess.run([*limited, "sh", "-c", "ulimit -d"], capture_output=True, check=True)
-    assert int(said.stdout) == 64 << 10  # in KiB
+    output = subprocess.run([*limited, "sh", "-c", "ulimit -d"], capture_output=True, check=True)
+    assert int(output.stdout) == 64 << 10  # in KiB

@@ -121,8 +121,8 @@ def test_every_verb_has_the_same_rule(
         timeout=SOON_S,
         check=False,
     )
-    said = f"qmn: standard output cannot be written: {why}\n" if why else ""
-    assert (done.returncode, done.stderr) == (status, said)
+    text = f"qmn: standard output cannot be written: {why}\n" if why else ""
+    assert (done.returncode, done.stderr) == (status, text)
 
 
 @pytest.mark.parametrize(

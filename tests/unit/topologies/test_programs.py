@@ -136,7 +136,7 @@ def test_it_keeps_the_descriptors_that_it_is_given(tmp_path: Path) -> None:
 
 
 def fails(folder: Path, code: str) -> str:
-    """Return how a program is said to have ended that was well at first."""
+    """Return the message on the end of a program that was well at first."""
     failed = program(folder, f"print('ready', flush=True)\n{code}")
     failed.wait_for("ready", SOON_S)
     while failed.running:
@@ -172,8 +172,8 @@ def test_any_other_line_of_a_log_is_no_cause(tmp_path: Path) -> None:
     log = tmp_path / "clock.log"
     assert fails(tmp_path, "import sys; sys.exit(3)") == f"status 3; its log: {log}"
     assert fails(tmp_path, "import sys; sys.exit('all is well')") == f"status 1; its log: {log}"
-    told = f"it ended by itself or by SIGTERM; its log: {log}"
-    assert fails(tmp_path, "") == told
+    report = f"it ended by itself or by SIGTERM; its log: {log}"
+    assert fails(tmp_path, "") == report
 
 
 def test_the_log_of_a_program_that_is_not_ours_is_no_cause(tmp_path: Path) -> None:
@@ -225,7 +225,7 @@ def pid_of(started: Program) -> int:
 
 @pytest.mark.parametrize("is_there", [True, False])
 def test_it_begins_only_while_its_runner_is_there(is_there: bool) -> None:
-    """The kernel ends it with the runner, but only if that is there when it is asked to."""
+    """The kernel ends it with the runner, but only if the runner lives when it is asked to."""
     runner = os.getpid() if is_there else 1
     command = [*WITH_RUNNER, str(runner), "echo", "begun"]
     done = subprocess.run(command, capture_output=True, check=False, timeout=SOON_S)

@@ -92,12 +92,12 @@ def test_a_quantum_switch_with_copper_to_a_host_alone_is_joined_to_the_rest() ->
 
 
 def test_an_address_without_bits_is_of_mininet_s_network() -> None:
-    class Said(QuantumTopo):
+    class Named(QuantumTopo):
         def build(self) -> None:
             self.addHost("h1", cls=QuantumHost, ip="10.0.0.1")
             self.addHost("h2", cls=QuantumHost)
 
-    assert Said().nodeInfo("h2")["ip"] == "10.0.0.2/8"
+    assert Named().nodeInfo("h2")["ip"] == "10.0.0.2/8"
 
 
 def test_copper_has_the_first_port_also_if_it_comes_last() -> None:

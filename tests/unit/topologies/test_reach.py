@@ -34,7 +34,7 @@ class Router(Host):  # type: ignore[misc]  # Mininet has no types
 
 
 def two_hosts(also: Callable[[QuantumTopo], object]) -> Topo:
-    """Return h1 and h2 with fibres to q1, and what else is said."""
+    """Return h1 and h2 with fibres to q1, and further options."""
 
     class Own(QuantumTopo):
         def build(self) -> None:

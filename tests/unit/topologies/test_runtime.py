@@ -24,7 +24,7 @@ from wire.config import Cable
 
 @pytest.fixture
 def _no_umask() -> Iterator[None]:
-    """Let files have the modes that they are made with."""
+    """Keep the modes with which files are created."""
     before = os.umask(0)
     yield
     os.umask(before)

@@ -1,4 +1,4 @@
-"""A slow classical channel: what `tc` is given, and what a kernel without it is said to need."""
+"""A slow classical channel: what `tc` is given, and the message on a kernel without it."""
 
 import subprocess
 from types import SimpleNamespace

@@ -53,7 +53,7 @@ def segment(
 def _head() -> bytes:
     """Return the headers of a segment; scapy takes a millisecond to make them.
 
-    Checksums are not those of what is filled in: tshark looks at none unless it is told to.
+    Checksums do not fit the values: tshark checks none by default.
     """
     return bytes(_ether() / IP(src="10.0.0.1", dst="10.0.0.2") / TCP(flags="PA"))
 

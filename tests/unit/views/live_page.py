@@ -38,12 +38,12 @@ def live(folder: Path, acts: bool = True, most: int = 1000) -> View:
 @contextmanager
 def served(view: View, place: Place = ANYWHERE) -> Iterator[str]:
     """Serve a view in a thread; yield its address."""
-    said: Queue[str] = Queue()
+    texts: Queue[str] = Queue()
     ready: Queue[tuple[asyncio.AbstractEventLoop, asyncio.Task[None]]] = Queue()
 
     async def main() -> None:
         task = asyncio.ensure_future(
-            serve(view, place, lambda address, _for_all: said.put(address))
+            serve(view, place, lambda address, _for_all: texts.put(address))
         )
         ready.put((asyncio.get_running_loop(), task))
         await asyncio.wait([task])
@@ -52,7 +52,7 @@ def served(view: View, place: Place = ANYWHERE) -> Iterator[str]:
     thread.start()
     loop, task = ready.get(timeout=SOON_S)
     try:
-        yield said.get(timeout=SOON_S)
+        yield texts.get(timeout=SOON_S)
     finally:
         loop.call_soon_threadsafe(task.cancel)
         thread.join(SOON_S)

@@ -22,19 +22,19 @@ def chromium() -> Iterator[Browser]:
 
 
 @pytest.fixture
-def said() -> Iterator[list[str]]:
+def text() -> Iterator[list[str]]:
     """Errors of scripts, and words to the browser's console: there are none at the end."""
     heard: list[str] = []
     yield heard
     assert heard == []
 
 
-def opened(chromium: Browser, url: str, said: list[str], **options: Any) -> Page:
+def opened(chromium: Browser, url: str, text: list[str], **options: Any) -> Page:
     """Open the page."""
     page = chromium.new_page(**options)
     page.set_default_timeout(DEADLINE_MS)
-    page.on("pageerror", lambda error: said.append(str(error)))
-    page.on("console", lambda message: said.append(message.text))
+    page.on("pageerror", lambda error: text.append(str(error)))
+    page.on("console", lambda message: text.append(message.text))
     page.goto(url)
     return page
 

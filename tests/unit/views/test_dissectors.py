@@ -64,9 +64,9 @@ def expected(message: Message, layout: Layout, prefix: str) -> dict[str, list[An
             if value and isinstance(value[0], int):
                 values[name] = list(value)
             for element in value if value and not isinstance(value[0], int) else ():
-                for key, told in vars(element).items():
-                    told = told.hex() if isinstance(told, bytes) else told
-                    values.setdefault(f"{name}.{key}", []).append(told)
+                for key, report in vars(element).items():
+                    report = report.hex() if isinstance(report, bytes) else report
+                    values.setdefault(f"{name}.{key}", []).append(report)
         elif isinstance(value, bytes):
             values[name] = [value.hex()] if value else []
         else:
@@ -450,11 +450,11 @@ def test_frames_of_inner_ports_show_their_fields(tmp_path: Path) -> None:
     frames = [each.encode(BROADCAST, bytes(6)) for each in (report, stored)]
     frames += [emission.encode(), rubbish, turned.encode(BROADCAST, bytes(6))]
     rows = shown(tmp_path, frames, [*INNER, METHOD])
-    told = [[row[name] for name in INNER] for row in rows]
-    assert told[0] == [["0"], ["60001"], ["7"], ["5"], ["0", "1", "2", "3", "15"], [], [], []]
-    assert told[1] == [["5"], ["61001"], ["8"], ["2"], ["0", "0"], [], [], []]
-    assert told[2] == [[], [], ["1"], [], [], ["9"], ["100"], []]
-    assert told[3][:7] == [[]] * 7
-    assert told[3][7]  # malformed
-    assert told[4] == [["9"], ["61001"], ["8"], ["2"], ["11", "15"], [], [], []]
+    reports = [[row[name] for name in INNER] for row in rows]
+    assert reports[0] == [["0"], ["60001"], ["7"], ["5"], ["0", "1", "2", "3", "15"], [], [], []]
+    assert reports[1] == [["5"], ["61001"], ["8"], ["2"], ["0", "0"], [], [], []]
+    assert reports[2] == [[], [], ["1"], [], [], ["9"], ["100"], []]
+    assert reports[3][:7] == [[]] * 7
+    assert reports[3][7]  # malformed
+    assert reports[4] == [["9"], ["61001"], ["8"], ["2"], ["11", "15"], [], [], []]
     assert rows[4][METHOD] == ["3"]

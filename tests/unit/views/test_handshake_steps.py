@@ -62,7 +62,7 @@ def test_what_happens_in_parts_of_a_switch_is_in_the_column_of_switches(tmp_path
 def test_a_message_leaves_one_host_and_reaches_the_other(tmp_path: Path) -> None:
     captures(tmp_path)
     setup, answer = flights(tmp_path, NETWORK, limit=10)
-    # What was sent again is not a second message, and what arrived has the verdict in it.
+    # A retransmission is not a second message, and the message that arrived has the verdict.
     assert setup == Flight(GRANTED, "alice", "bob", START_NS, START_NS + 4 * MS)
     # It came out of bob in two segments.
     assert answer == Flight(ANSWER, "bob", "alice", START_NS + 5 * MS + 1, START_NS + 6 * MS)

@@ -9,7 +9,7 @@ import pytest
 from live_page import live, served
 from live_view_scene import BOX, SESSION, box, light, opened, overlaps, place, tell
 from live_view_scene import chromium as chromium
-from live_view_scene import said as said
+from live_view_scene import text as text
 from playwright.sync_api import Browser, expect
 from recorded_run import NETWORK, START_NS
 
@@ -19,12 +19,12 @@ from wire.parameters.fiber import Fiber, FiberEnd
 
 
 def test_the_fidelity_of_a_short_run_is_that_of_its_program(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     """Of a standard error the interval of 95 % is 1.96 to either side."""
     view = live(tmp_path)
     with served(view) as url:
-        page = opened(chromium, url, said)
+        page = opened(chromium, url, text)
         asked = {"event": "granted", "session": SESSION, "from": "alice", "to": "bob"}
         view.timeline.add("controller", START_NS + 10**9, {**asked, "service": "teleport"})
         done = {"event": "done", "fidelity": 0.962, "fidelity_error": 0.005}
@@ -35,11 +35,11 @@ def test_the_fidelity_of_a_short_run_is_that_of_its_program(
 
 
 def test_light_from_a_source_in_a_switch_into_a_memory_of_another_is_drawn(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     view = live(tmp_path)
     with served(view) as url:
-        page = opened(chromium, url, said)
+        page = opened(chromium, url, text)
         tell(view, 1.0, "open", "q1", port="62001", detail="62001 -> 3")
         tell(view, 1.0, "open", "q2", port="1", detail="1 -> 61002")
         block = {"session": SESSION, "block": 1, "half": 0, "photons": 100}
@@ -58,13 +58,13 @@ def test_light_from_a_source_in_a_switch_into_a_memory_of_another_is_drawn(
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [390, 1600])
 def test_it_fits_a_phone_and_a_screen(
-    chromium: Browser, tmp_path: Path, said: list[str], width: int, scheme: Any
+    chromium: Browser, tmp_path: Path, text: list[str], width: int, scheme: Any
 ) -> None:
     view = live(tmp_path)
     light(view, 0.1)
     with served(view) as url:
         page = opened(
-            chromium, url, said, viewport={"width": width, "height": 800}, color_scheme=scheme
+            chromium, url, text, viewport={"width": width, "height": 800}, color_scheme=scheme
         )
         expect(page.locator(".fiber.lit")).to_have_count(3)
         overflow = "document.documentElement.scrollWidth - window.innerWidth"
@@ -78,10 +78,10 @@ def test_it_fits_a_phone_and_a_screen(
 
 
 def test_everything_has_a_name_for_who_does_not_see_it(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     with served(live(tmp_path)) as url:
-        page = opened(chromium, url, said)
+        page = opened(chromium, url, text)
         page.get_by_role("button", name="quantum switch q1").click()
         nameless = page.evaluate(
             """() => [...document.querySelectorAll('button, input, select, [role=button]')]
@@ -99,10 +99,10 @@ def test_everything_has_a_name_for_who_does_not_see_it(
 
 
 def test_the_drawing_is_zoomed_by_buttons_and_wheel_and_dragged(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     with served(live(tmp_path)) as url:
-        page = opened(chromium, url, said)
+        page = opened(chromium, url, text)
         expect(page.locator("#status")).to_have_text("live")
         whole = box(page)
         page.get_by_role("button", name="zoom in").click()
@@ -133,7 +133,7 @@ def test_the_drawing_is_zoomed_by_buttons_and_wheel_and_dragged(
 
 @pytest.mark.parametrize("width", [390, 1400])
 def test_no_names_of_a_map_overlap_at_any_zoom(
-    chromium: Browser, tmp_path: Path, said: list[str], width: int
+    chromium: Browser, tmp_path: Path, text: list[str], width: int
 ) -> None:
     places = [
         (9.19, 45.46),
@@ -151,7 +151,7 @@ def test_no_names_of_a_map_overlap_at_any_zoom(
     net = replace(net, switches=[QuantumSwitch(name) for name in positions])
     net = replace(net, copper=[], copper_switches=[])
     with served(replace(live(tmp_path), network=described(net))) as url:
-        page = opened(chromium, url, said, viewport={"width": width, "height": 900})
+        page = opened(chromium, url, text, viewport={"width": width, "height": 900})
         expect(page.locator("#status")).to_have_text("live")
         expect(page.locator("#network")).to_have_class(re.compile("dots"))
         assert page.locator(".node.named").count() > 1
@@ -162,7 +162,7 @@ def test_no_names_of_a_map_overlap_at_any_zoom(
             page.get_by_role("button", name="zoom in").click()
         assert overlaps(page, "#network rect.box") == []
         boxes = [each.bounding_box() for each in page.locator("#network rect.box").all()]
-        assert {round(box["width"]) for box in boxes if box} <= {92, 93, 94}  # as large as ever
+        assert {round(box["width"]) for box in boxes if box} <= {92, 93, 94}  # as large as before
         page.get_by_role("button", name="whole network").click()
         expect(page.locator("#network")).to_have_class(re.compile("dots"))
         page.close()
@@ -170,10 +170,10 @@ def test_no_names_of_a_map_overlap_at_any_zoom(
 
 @pytest.mark.nightly
 def test_columns_lie_on_a_phone_and_stand_on_a_screen(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     with served(live(tmp_path)) as url:
-        page = opened(chromium, url, said, viewport={"width": 1400, "height": 900})
+        page = opened(chromium, url, text, viewport={"width": 1400, "height": 900})
         (_, alice), (_, bob) = (place(page, f"host {name}") for name in ("alice", "bob"))
         assert abs(alice - bob) > 40  # one below the other
         page.set_viewport_size({"width": 390, "height": 844})
@@ -185,7 +185,7 @@ def test_columns_lie_on_a_phone_and_stand_on_a_screen(
 
 @pytest.mark.nightly
 def test_a_network_of_a_thousand_hosts_is_drawn_and_can_be_read_from_near(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     switches = [QuantumSwitch(f"q{n}") for n in range(32)]
     fibers = [
@@ -197,7 +197,7 @@ def test_a_network_of_a_thousand_hosts_is_drawn_and_can_be_read_from_near(
     large = replace(large, copper=[], copper_switches=[])
     view = replace(live(tmp_path), network=described(large))
     with served(view) as url:
-        page = opened(chromium, url, said)
+        page = opened(chromium, url, text)
         expect(page.locator("#status")).to_have_text("live")
         assert page.locator(".node").count() == 1024 + 32
         assert page.locator(".fiber").count() == 1024

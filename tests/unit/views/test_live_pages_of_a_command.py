@@ -14,7 +14,7 @@ from limits import SOON_S
 from live_page import live, served
 from live_view_scene import DEADLINE_MS, light, opened
 from live_view_scene import chromium as chromium
-from live_view_scene import said as said
+from live_view_scene import text as text
 from playwright.sync_api import Browser, expect
 
 from views.live import acts
@@ -112,10 +112,10 @@ def test_the_page_of_a_command_goes_from_network_to_network(
 
 
 def test_a_page_that_waits_for_a_network_hears_that_its_command_has_ended(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     with address_of_command(tmp_path / "pages") as (_pages, url):
-        page = opened(chromium, url, said)
+        page = opened(chromium, url, text)
         status = page.locator("[role=status]")
         expect(status).to_contain_text("No network runs yet.")
         with page.expect_request(re.compile(r"/networks\?next$")):
@@ -127,7 +127,7 @@ def test_a_page_that_waits_for_a_network_hears_that_its_command_has_ended(
 
 
 def test_a_network_waits_for_a_page_that_is_being_opened(
-    chromium: Browser, tmp_path: Path, said: list[str], monkeypatch: pytest.MonkeyPatch
+    chromium: Browser, tmp_path: Path, text: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One can be over before its page has asked for what happened in it, here as late as it may."""
     monkeypatch.setattr("views.live.server.LIVE_LAST_S", SOON_S)
@@ -135,7 +135,7 @@ def test_a_network_waits_for_a_page_that_is_being_opened(
     light(view, 1.0)
     with served(view) as url:
         page = chromium.new_page()
-        page.on("pageerror", lambda error: said.append(str(error)))
+        page.on("pageerror", lambda error: text.append(str(error)))
         page.goto(url, wait_until="commit")  # its address has been answered, and nothing else
     expect(page.locator("#status")).to_have_text("the network has ended")
     expect(page.locator("#memories tbody tr")).to_have_count(1)

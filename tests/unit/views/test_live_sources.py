@@ -26,7 +26,7 @@ Write = Callable[[bytes], None]
 NOW_NS = START_NS + 7 * MS
 
 
-def told(timeline: Timeline) -> list[dict[str, Any]]:
+def events(timeline: Timeline) -> list[dict[str, Any]]:
     return [json.loads(text) for text in timeline.after(0, 1000)[0]]
 
 
@@ -38,7 +38,7 @@ def test_a_network_whose_dispatcher_does_not_answer_is_a_fault_and_the_end(
     nowhere = str(tmp_path / "nowhere")
     with following(timeline, DispatcherConfig("", nowhere, 1, {}, [], []), tmp_path):
         wait_until(lambda: timeline.ended, "the timeline has ended")
-    (fault,) = (each for each in told(timeline) if each["what"] == "fault")
+    (fault,) = (each for each in events(timeline) if each["what"] == "fault")
     assert fault["text"].startswith(f"the dispatcher at {nowhere} does not answer in 0.05 s")
     assert fault["t"] > 0  # of now
 
@@ -65,13 +65,13 @@ def test_lines_are_told_when_they_are_whole_and_once(
 ) -> None:
     timeline, write = written
     write(b'{"n": 1, "time_ns": %d}\n{"n"' % (START_NS + MS))
-    wait_until(lambda: len(told(timeline)) > 0, "the first line is told")
+    wait_until(lambda: len(events(timeline)) > 0, "the first line")
     write(b': 2}\nrubbish\n{"n":')
-    wait_until(lambda: len(told(timeline)) > 1, "the second line is told")
+    wait_until(lambda: len(events(timeline)) > 1, "the second line")
     write(b" 3}\n")
-    wait_until(lambda: len(told(timeline)) > 2, "the last line is told")
-    one = {"t": 1e-3, "what": "job", "n": 1}  # its time is said once
-    assert told(timeline) == [one, *({"t": 7e-3, "what": "job", "n": n} for n in (2, 3))]
+    wait_until(lambda: len(events(timeline)) > 2, "the last line")
+    one = {"t": 1e-3, "what": "job", "n": 1}  # its time comes once
+    assert events(timeline) == [one, *({"t": 7e-3, "what": "job", "n": n} for n in (2, 3))]
 
 
 def test_records_of_the_controller_and_words_of_the_job_are_followed(tmp_path: Path) -> None:
@@ -80,8 +80,11 @@ def test_records_of_the_controller_and_words_of_the_job_are_followed(tmp_path: P
     timeline = Timeline(START_NS)
     config = DispatcherConfig("", str(tmp_path / "nowhere"), 1, {}, [], [])
     with following(timeline, config, tmp_path):
-        wait_until(lambda: len(told(timeline)) == 2, "both are told")
-    assert {(each["what"], each["n"]) for each in told(timeline)} == {("controller", 1), ("job", 2)}
+        wait_until(lambda: len(events(timeline)) == 2, "both lines")
+    assert {(each["what"], each["n"]) for each in events(timeline)} == {
+        ("controller", 1),
+        ("job", 2),
+    }
 
 
 def test_the_first_photons_are_of_the_newest_session_of_a_key(tmp_path: Path) -> None:

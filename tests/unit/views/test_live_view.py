@@ -76,8 +76,8 @@ def test_the_command_shows_a_run_until_ctrl_c(tmp_path: Path) -> None:
         command, cwd=Path(acts.__file__).parents[2], stdout=subprocess.PIPE, text=True
     ) as program:
         assert program.stdout is not None
-        said, _colon, url = program.stdout.readline().strip().partition(": ")
-        assert said == "live view"
+        text, _colon, url = program.stdout.readline().strip().partition(": ")
+        assert text == "live view"
         drawn = json.loads(answer(f"{url}network.json")[1])
         assert (drawn["live"], drawn["acts"]) == (False, False)
         program.send_signal(signal.SIGINT)
@@ -258,9 +258,9 @@ STARTS_NETWORKS += ["lab sweep sdc --emulate"]
 
 @pytest.mark.parametrize("words", STARTS_NETWORKS)
 def test_every_verb_that_starts_networks_can_serve_a_page(words: str) -> None:
-    said = words.split()
-    assert parser(said).parse_args([*said, "--live"]).live
-    assert not parser(said).parse_args(said).live
+    lines = words.split()
+    assert parser(lines).parse_args([*lines, "--live"]).live
+    assert not parser(lines).parse_args(lines).live
 
 
 def test_a_script_has_its_own_arguments_behind_its_file() -> None:
@@ -280,8 +280,8 @@ def test_a_script_has_its_own_arguments_behind_its_file() -> None:
 def test_what_starts_no_network_here_has_no_page(
     words: str, why: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    said = [*words.split(), "--live"]
-    given = parser(said).parse_args(said)
+    lines = [*words.split(), "--live"]
+    given = parser(lines).parse_args(lines)
     assert given.call(given) == 1
     assert why in capsys.readouterr().err
 
@@ -356,8 +356,8 @@ def test_a_network_of_a_command_finds_its_place_in_the_folder_of_that(
 
 
 OPENER = """#!/bin/sh
-cp "${1#file://}" told.new && stat -c %u:%a "${1#file://}" >>told.new && id -u >>told.new
-env >>told.new; mv told.new told; while [ -e told ]; do sleep 0.1; done
+cp "${1#file://}" report.new && stat -c %u:%a "${1#file://}" >>report.new && id -u >>report.new
+env >>report.new; mv report.new report; while [ -e report ]; do sleep 0.1; done
 """
 ADDRESS = "http://127.0.0.1:1/the-secret/"
 SAY = """
@@ -372,11 +372,11 @@ NOBODY = "65534"
 
 def command_lines() -> str:
     """Return those of all processes, as every user sees them."""
-    said = []
+    lines = []
     for file in Path("/proc").glob("[0-9]*/cmdline"):
         with suppress(OSError):  # it has ended
-            said.append(file.read_text(errors="replace"))
-    return "\n".join(said)
+            lines.append(file.read_text(errors="replace"))
+    return "\n".join(lines)
 
 
 @contextmanager
@@ -388,7 +388,7 @@ def opened(
         at = Path(folder)
         at.chmod(0o777)
         opener = at / "xdg-open"
-        opener.write_text(OPENER.replace("told", f"{at}/told"))
+        opener.write_text(OPENER.replace("report", f"{at}/report"))
         opener.chmod(0o755)
         environment = {
             "PATH": f"{at}:{os.environ['PATH']}",
@@ -416,14 +416,14 @@ def test_a_browser_gets_the_address_by_a_file_of_its_user_and_by_no_command_line
     dropped = ["setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups"]
     by = {"SUDO_USER": "nobody", "SUDO_UID": NOBODY} if by_sudo else {}
     with opened(dropped if root and not by_sudo else [], by) as (folder, program):
-        deadline, told, seen = time.monotonic() + SOON_S, folder / "told", ""
-        while not told.exists():
+        deadline, report, seen = time.monotonic() + SOON_S, folder / "report", ""
+        while not report.exists():
             assert time.monotonic() < deadline, "nobody has opened a browser"
             seen += command_lines()
-        seen += command_lines()  # the opener is there still
+        seen += command_lines()  # the opener still runs
         found = re.findall(r"file://(\S+?/qmn-live-\S+?\.html)", seen)
         program.communicate(timeout=SOON_S)
-        text = told.read_text()
+        text = report.read_text()
     assert found
     assert f"url={ADDRESS}" in text
     assert f"{user}:600\n{user}\n" in text  # owner and mode of the file, and who opens it
@@ -452,10 +452,10 @@ def test_a_thousand_hosts_have_places_of_their_own() -> None:
 
 def test_the_chart_library_is_the_published_one() -> None:
     """The SHA-512 of the package is that of the registry; its files are these."""
-    said = json.loads((PAGE / "uplot" / "origin.json").read_text())
+    content = json.loads((PAGE / "uplot" / "origin.json").read_text())
     files = {
         name: base64.b64encode(hashlib.sha512((PAGE / "uplot" / name).read_bytes()).digest())
-        for name in said["sha512"]
+        for name in content["sha512"]
     }
-    assert {name: value.decode() for name, value in files.items()} == said["sha512"]
+    assert {name: value.decode() for name, value in files.items()} == content["sha512"]
     assert "MIT License" in (PAGE / "uplot" / "LICENSE").read_text()

@@ -11,7 +11,7 @@ import pytest
 from live_page import live, served
 from live_view_scene import DEADLINE_MS, SESSION, light, opened, tell
 from live_view_scene import chromium as chromium
-from live_view_scene import said as said
+from live_view_scene import text as text
 from playwright.sync_api import Browser, expect
 from recorded_run import START_NS, record_run
 
@@ -26,13 +26,13 @@ expect.set_options(timeout=DEADLINE_MS)
 
 
 def test_a_finished_run_is_shown_at_any_time(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     folder = record_run(tmp_path)
     network = described(read_result(folder)[1])
     view = View("over", network, timeline_of_run(folder), folder, False, False, {"handshake": str})
     with served(view) as url:
-        page = opened(chromium, url, said)
+        page = opened(chromium, url, text)
         expect(page.locator("#status")).to_have_text("a run that is over")
         expect(page.locator("#sessions tbody tr")).to_have_count(1)
         cells = page.locator("#sessions tbody td")
@@ -55,11 +55,11 @@ def test_a_finished_run_is_shown_at_any_time(
 
 
 def test_what_happens_is_shown_as_it_happens(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     view = live(tmp_path)
     with served(view) as url:
-        page, second = (opened(chromium, url, said) for _tab in range(2))
+        page, second = (opened(chromium, url, text) for _tab in range(2))
         expect(page.locator("#status")).to_have_text("live")
         light(view, 1.0)
         for each in (page, second):  # two tabs
@@ -85,15 +85,15 @@ def test_what_happens_is_shown_as_it_happens(
 
 
 def test_the_fill_of_key_stores_is_shown(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     view = live(tmp_path)
     with served(view) as url:
-        page = opened(chromium, url, said)
+        page = opened(chromium, url, text)
         expect(page.locator("#keys")).to_have_text("No key links.")
         link = KeyLink("alice", "bob", 1200, 1199, 9596, 4096, 0.0123, "active")
-        told = {"devices": [], "sessions": [], "key_links": [asdict(link)]}
-        view.timeline.add("devices", START_NS + 10**9, told)
+        reports = {"devices": [], "sessions": [], "key_links": [asdict(link)]}
+        view.timeline.add("devices", START_NS + 10**9, reports)
         row = ["alice → bob", "1,200", "1,199", "25", "4,096", "1.23", "active", "9,596"]
         expect(page.locator("#keys tbody td")).to_have_text(row)
         later = {"event": "key_link", **asdict(replace(link, keys_ready=2000))}  # in the record
@@ -112,11 +112,11 @@ def told_by_hosts(view: View, t: float, **estimate: Any) -> None:
 
 
 def test_what_is_known_of_a_sessions_pairs_is_in_its_row(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     view = live(tmp_path)
     with served(view) as url:
-        page = opened(chromium, url, said)
+        page = opened(chromium, url, text)
         light(view, 1.0)
         heads = page.locator("#sessions th")
         expect(heads.nth(10)).to_have_text("fidelity, or S of CHSH (95 %)")
@@ -144,12 +144,12 @@ def test_what_is_known_of_a_sessions_pairs_is_in_its_row(
 
 
 def test_a_key_session_shows_its_error_rate_its_limit_and_eve(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
-    """Who measures and resends all light knows half of the bits and spoils a quarter (BB84)."""
+    """Eve, who resends all light, knows half of the bits and spoils a quarter (BB84)."""
     view = live(tmp_path)
     with served(view) as url:
-        page = opened(chromium, url, said)
+        page = opened(chromium, url, text)
         shown = page.locator("#qkd")
         expect(page.locator("#status")).to_have_text("live")
         expect(shown).to_be_hidden()
@@ -192,12 +192,12 @@ def test_a_key_session_shows_its_error_rate_its_limit_and_eve(
 
 
 def test_what_others_do_to_fibres_and_switches_is_shown(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     """As by commands in another terminal: the dispatcher tells of it."""
     view = live(tmp_path)
     with served(view) as url:
-        page = opened(chromium, url, said)
+        page = opened(chromium, url, text)
         expect(page.locator("#status")).to_have_text("live")
         for node, port in (("alice", "alice-q0"), ("q1", "2")):
             tell(view, 1.0, "tune", node, port=port, detail="tapped 0.25")
@@ -218,8 +218,8 @@ def test_what_others_do_to_fibres_and_switches_is_shown(
         eth2["light"] = {"frequency_mhz": 193_400_000, "tx_power_dbm": 0, "temperature_c": 25}
         known = {"name": "q1", "kind": "quantum-switch", "dpid": "1001", "state": "up"}
         ways = {"ports": [eth2], "paths": [{"in_port": 2, "out_port": 3}]}
-        told = {"devices": [known | ways], "sessions": [], "key_links": []}
-        view.timeline.add("devices", START_NS + 12 * 10**8, told)
+        reports = {"devices": [known | ways], "sessions": [], "key_links": []}
+        view.timeline.add("devices", START_NS + 12 * 10**8, reports)
         row = ["2", "up", "3", "1,200", "1,197", "3", "193.4 THz", "0 dBm", "-", "25 °C"]
         expect(page.locator("#ports tbody td")).to_have_text(row)
         page.set_viewport_size({"width": 390, "height": 800})  # what is known of a port is long
@@ -234,11 +234,11 @@ def test_what_others_do_to_fibres_and_switches_is_shown(
 
 
 def test_light_says_its_rate_and_its_loss(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     view = live(tmp_path)
     with served(view) as url:
-        page = opened(chromium, url, said)
+        page = opened(chromium, url, text)
         expect(page.locator("#status")).to_have_text("live")
         light(view, 1.0)
         light(view, 1.5)  # 100 photons each, of which 40 are lost: 200 in that second
@@ -253,13 +253,13 @@ def test_light_says_its_rate_and_its_loss(
 
 
 def test_where_all_processors_are_in_use_it_says_that_it_draws_seldom(
-    chromium: Browser, tmp_path: Path, said: list[str], monkeypatch: pytest.MonkeyPatch
+    chromium: Browser, tmp_path: Path, text: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pace, "LIVE_LOOK_S", 0.0)
     idle = 0  # of a clock that goes on
     view = replace(live(tmp_path), pace=pace.Pace(lambda: (idle, time.monotonic_ns())))
     with served(view) as url:
-        page = opened(chromium, url, said)
+        page = opened(chromium, url, text)
         status = page.locator("#status")
         expect(status).to_have_text("live; drawn once a second, as the computer is busy")
         light(view, 1.0)
@@ -274,12 +274,12 @@ def test_where_all_processors_are_in_use_it_says_that_it_draws_seldom(
 
 
 def test_photons_of_a_block_are_told_of_the_time_in_which_they_flew(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     """A block is one event, however long its light takes: 1,000 within 2 s are 500 a second."""
     view = live(tmp_path)
     with served(view) as url:
-        page = opened(chromium, url, said)
+        page = opened(chromium, url, text)
         tell(view, 0.9, "open", "q1", port="2", detail="2 -> 3")
         tell(view, 0.9, "open", "q2", port="1", detail="1 -> 2")
         block = {"session": SESSION, "block": 1, "half": 0, "photons": 1000}
@@ -319,19 +319,19 @@ SENT_ON = """async () => {
 
 
 def test_light_that_is_sent_on_by_the_port_it_came_to_is_counted_once(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     with served(live(tmp_path)) as url:
-        told = opened(chromium, url, said).evaluate(SENT_ON)
-    assert told == {"photons": 100, "lost": 0.2}
+        report = opened(chromium, url, text).evaluate(SENT_ON)
+    assert report == {"photons": 100, "lost": 0.2}
 
 
 def test_a_light_path_of_milliseconds_is_seen_for_a_second(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     view = live(tmp_path)
     with served(view) as url:
-        page = opened(chromium, url, said)
+        page = opened(chromium, url, text)
         light(view, 1.0)
         tell(view, 1.01, "close", "q1", port="2")
         tell(view, 1.01, "close", "q2", port="1")
@@ -346,11 +346,11 @@ def test_a_light_path_of_milliseconds_is_seen_for_a_second(
 
 
 def test_a_memory_holds_what_was_not_let_go(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     view = live(tmp_path)
     with served(view) as url:
-        page = opened(chromium, url, said)
+        page = opened(chromium, url, text)
         light(view, 1.0)  # bob has stored 100
         cells = page.locator("#memories tbody td")
         taken = {"session": SESSION, "block": 2, "half": 0, "photons": 60}
@@ -363,7 +363,7 @@ def test_a_memory_holds_what_was_not_let_go(
         page.close()
 
 
-def test_decisions_say_whose_and_why(chromium: Browser, tmp_path: Path, said: list[str]) -> None:
+def test_decisions_say_whose_and_why(chromium: Browser, tmp_path: Path, text: list[str]) -> None:
     view = live(tmp_path)
     asked = {"session": SESSION, "service": "bb84", "from": "alice", "to": "bob"}
     way = {"begin": "alice-q0", "end": "bob-q0", "by": ["q1", "q2"], "loss_db": 1.25}
@@ -379,7 +379,7 @@ def test_decisions_say_whose_and_why(chromium: Browser, tmp_path: Path, said: li
     for number, fact in enumerate(facts):
         view.timeline.add("controller", START_NS + number * 10**9, fact)
     with served(view) as url:
-        page = opened(chromium, url, said)
+        page = opened(chromium, url, text)
         way_told = "light of least loss: alice-q0 → bob-q0 by q1, q2 (1.25 dB)"
         expect(page.locator("#decisions li")).to_have_text(
             [
@@ -401,13 +401,13 @@ def test_decisions_say_whose_and_why(chromium: Browser, tmp_path: Path, said: li
 
 
 def test_the_newest_handshake_is_drawn_when_one_looks_at_it(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     view = live(tmp_path)
     light(view, 1.0)
     tell(view, 3.0, "create", "charlie")
     with served(view) as url:
-        page = opened(chromium, url, said)
+        page = opened(chromium, url, text)
         expect(page.locator("#clock")).to_have_text("3.000 s")
         page.locator("#handshake").scroll_into_view_if_needed()
         expect(page.locator("#handshake")).to_have_text("drawn")
@@ -427,10 +427,10 @@ HOURS = """async () => {
 
 
 def test_what_is_known_of_a_network_does_not_grow_with_its_age(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     with served(live(tmp_path)) as url:
-        sessions, pairs, newest, buckets = opened(chromium, url, said).evaluate(HOURS)
+        sessions, pairs, newest, buckets = opened(chromium, url, text).evaluate(HOURS)
     assert sessions <= 300
     assert (pairs, newest) == (36_000, True)  # of one that goes on, and is the oldest
     assert buckets <= 601  # a minute, ten a second
@@ -462,14 +462,14 @@ sys.exit(__main__.main())
 
 
 def test_an_act_shows_its_command_and_what_came_of_it(
-    chromium: Browser, tmp_path: Path, said: list[str], monkeypatch: pytest.MonkeyPatch
+    chromium: Browser, tmp_path: Path, text: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "run").mkdir()
     code = QMN_ELSEWHERE.format(folder=str(tmp_path / "run"))
     monkeypatch.setattr(acts, "QMN", (sys.executable, "-c", code))
     view = live(tmp_path)
     with served(view) as url:
-        page = opened(chromium, url, said)
+        page = opened(chromium, url, text)
         fiber = page.get_by_role("button", name=re.compile("^fibre alice-q0"))
         fiber.focus()
         page.keyboard.press("Enter")
@@ -485,10 +485,10 @@ def test_an_act_shows_its_command_and_what_came_of_it(
 
 
 def test_nothing_can_be_done_in_a_view_to_be_looked_at(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     with served(live(tmp_path, acts=False)) as url:
-        page = opened(chromium, url, said)
+        page = opened(chromium, url, text)
         page.get_by_role("button", name="host alice").click()
         expect(page.locator("#chosen")).to_contain_text("This page is read-only")
         expect(page.locator("#chosen form")).to_have_count(0)
@@ -496,11 +496,11 @@ def test_nothing_can_be_done_in_a_view_to_be_looked_at(
 
 
 def test_a_network_that_goes_on_can_be_paused_and_played_at_another_speed(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     view = live(tmp_path)
     with served(view) as url:
-        page = opened(chromium, url, said)
+        page = opened(chromium, url, text)
         tell(view, 1.0, "create", "charlie")
         clock = page.locator("#clock")
         expect(clock).to_have_text("1.000 s")

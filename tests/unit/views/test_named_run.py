@@ -29,9 +29,9 @@ def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("verb", VERBS)
-@pytest.mark.parametrize("said", [OTHER, "sdc", "latest", f"runs/{OTHER}", "runs/latest"])
-def test_every_verb_takes_a_name_or_a_path(runs: Path, verb: str, said: str) -> None:
-    arguments = described([verb]).parse_args([verb, said, *VERBS[verb]])
+@pytest.mark.parametrize("text", [OTHER, "sdc", "latest", f"runs/{OTHER}", "runs/latest"])
+def test_every_verb_takes_a_name_or_a_path(runs: Path, verb: str, text: str) -> None:
+    arguments = described([verb]).parse_args([verb, text, *VERBS[verb]])
     assert arguments.run.resolve() == runs / OTHER
 
 
@@ -40,7 +40,7 @@ def test_wireshark_is_of_the_newest_run_without_a_word(runs: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("said", "told"),
+    ("name", "text"),
     [
         ("chain", f"'chain' is of 2 runs: choose one of {NEW}, {OLD}$"),
         ("20260401T120000-sdd", f"there is no run .*: did you mean {OTHER}\\?$"),
@@ -50,9 +50,9 @@ def test_wireshark_is_of_the_newest_run_without_a_word(runs: Path) -> None:
     ],
 )
 @pytest.mark.usefixtures("runs")
-def test_what_no_run_or_more_than_one_is_called_is_refused(said: str, told: str) -> None:
-    with pytest.raises(UnknownRun, match=told):
-        find_run(said)
+def test_what_no_run_or_more_than_one_is_called_is_refused(name: str, text: str) -> None:
+    with pytest.raises(UnknownRun, match=text):
+        find_run(name)
 
 
 @pytest.mark.usefixtures("runs")
@@ -78,6 +78,6 @@ def test_where_one_is_can_be_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_verb_says_it_in_one_line(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
         described(["report"]).parse_args(["report", "chain"])
-    told = f"qmn report: error: RUN: 'chain' is of 2 runs: choose one of {NEW}, {OLD}"
-    assert capsys.readouterr().err.splitlines() == [f"{told} (`qmn report --help` lists all)"]
+    report = f"qmn report: error: RUN: 'chain' is of 2 runs: choose one of {NEW}, {OLD}"
+    assert capsys.readouterr().err.splitlines() == [f"{report} (`qmn report --help` lists all)"]
     assert runs.is_dir()

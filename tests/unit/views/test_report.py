@@ -191,7 +191,7 @@ def test_a_key_session_is_drawn_key_by_key() -> None:
 
 
 def test_a_report_says_what_eve_knows() -> None:
-    """Who measures and resends knows half of the bits, and spoils a quarter (BB84)."""
+    """Eve, who measures and resends, knows half of the bits, and spoils a quarter (BB84)."""
     counts = {"blocks": 1, "lost_blocks": 0, "attack": "resend", "fraction": 0.6}
     eve = EveFigures(**cast("Any", counts | {"photons": 42_064, "measured": 25_197}))
     text = of_eve(run_of("bb84", ServiceJob(eve=eve), time_scale=1.0))
@@ -260,7 +260,7 @@ def test_errors_are_drawn_from_the_reports_of_all_sessions(page: str, tmp_path: 
     record_run(tmp_path)
     assert "in the end: symbol errors 3, lost pairs 40, repeated frames 1" in page
     there, back = (ALICE, BOB), (BOB, ALICE)
-    said = [
+    lines = [
         (there, SETUP),
         (there, Emit(1, 1, 103, 50_000_000)),  # of which 100 come to the sender
         (there, Block(1, 1, 100, 0, 0, (Frame(0, 25, 0),))),
@@ -269,7 +269,7 @@ def test_errors_are_drawn_from_the_reports_of_all_sessions(page: str, tmp_path: 
         (back, Report(1, 2, 100, errors=3)),
     ]
     packets, places = [], {there: 0, back: 0}
-    for number, (ends, message) in enumerate(said):
+    for number, (ends, message) in enumerate(lines):
         data = message.encode()
         packets.append((number * MS, segment(ends, places[ends], data)))
         places[ends] += len(data)

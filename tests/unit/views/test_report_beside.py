@@ -97,8 +97,8 @@ def test_nothing_is_left_where_nothing_is_drawn(runner: Runner) -> None:
 
 def test_a_drawer_that_is_killed_ends_no_run(runner: Runner, run: Path) -> None:
     runner.drawer.signal(signal.SIGKILL)
-    said = runner.drawn(run)
-    assert said == f"not made, its process ended (-9): `qmn report {run}` makes it"
+    text = runner.drawn(run)
+    assert text == f"not made, its process ended (-9): `qmn report {run}` makes it"
 
 
 def test_it_ends_with_a_runner_that_is_killed(runner: Runner) -> None:

@@ -21,7 +21,7 @@ from views.report.report_file import made_report
 BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")
 PHONE = 390  # pixels
 LIGHT, DARK = 1, 0  # of Chromium's preferredColorScheme
-# What the page says of itself; it is put in behind the page, which has no script of its own.
+# A script that asks the page about itself; it stands behind the page, which has none of its own.
 ASK = """<script>
 const colour = element => getComputedStyle(element);
 document.body.dataset.seen = JSON.stringify({
@@ -63,12 +63,12 @@ FRAME = """<!doctype html><meta name="color-scheme" content="light dark">
 def installed_browser() -> str:
     """Return the path of a browser."""
     browsers = [path for name in BROWSERS if (path := shutil.which(name))]
-    assert browsers, f"none of {', '.join(BROWSERS)} is there: setup/browser installs one"
+    assert browsers, f"no browser ({', '.join(BROWSERS)}): setup/browser installs one"
     return browsers[0]
 
 
 def browse(folder: Path, width: int, scheme: int, script: str = "") -> tuple[dict[str, Any], str]:
-    """Return what the page says of itself, and what the browser's console said."""
+    """Return the page's text on itself, and the lines of the browser's console."""
     report = (folder / "report.html").read_text() + script + ASK
     # The page forbids scripts; all else that it forbids stays so, and would be a complaint.
     report = report.replace(POLICY, f"{POLICY}; script-src 'unsafe-inline'")
@@ -128,7 +128,7 @@ def test_a_phone_shows_the_page_without_scrolling_sideways(folder: Path) -> None
     seen, _console = browse(folder, PHONE, LIGHT)
     assert seen["width"] == PHONE
     assert seen["overflow"] <= 0
-    # What is too wide for it scrolls by itself.
+    # A figure that is too wide for it scrolls by itself.
     assert [figure["title"] for figure in seen["figures"] if figure["width"] > PHONE] == [
         "The network",
         "The handshake, in both layers",

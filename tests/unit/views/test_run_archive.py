@@ -19,8 +19,8 @@ from views.archive.index import runs_in
 
 def test_a_run_travels_as_one_file(runs: Path, tmp_path: Path) -> None:
     file, result = tmp_path / "run.zip", runs / OLD / "result.json"
-    told = json.loads(result.read_text())
-    result.write_text(json.dumps({name: told[name] for name in told if name != "service"}))
+    content = json.loads(result.read_text())
+    result.write_text(json.dumps({name: content[name] for name in content if name != "service"}))
     assert called(runs, "export", OLD, str(file)) == 0
     assert called(tmp_path / "other", "import", str(file)) == 0
     copy = tmp_path / "other" / OLD

@@ -129,9 +129,9 @@ def test_a_result_that_is_none_is_listed_as_not_readable(
     assert called(runs) == 0
     assert called(runs, "compare", OLD, NEW) == 1
     assert called(runs, "prune", "--older-than", "1h", "--dry-run") == 0
-    told = capsys.readouterr()
-    assert f"would remove {NEW}" in told.out
-    assert told.err.startswith("qmn: ")
+    output = capsys.readouterr()
+    assert f"would remove {NEW}" in output.out
+    assert output.err.startswith("qmn: ")
     with pytest.raises(BadRun):
         read_result(runs / NEW)
 
@@ -269,14 +269,14 @@ def test_a_run_that_has_gone_leaves_the_list(runs: Path) -> None:
 def test_two_runs_are_compared(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     change(runs / NEW, loss_budget_db=3.0, controller="os-ken", topology="ring", service="teleport")
     assert called(runs, "compare", OLD, "latest") == 0
-    told = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert ["service", "sdc", "teleport"] in told
-    assert ["topology", "chain", "ring"] in told
-    assert ["controller", "ryu", "os-ken"] in told
-    assert ["loss", "budget", "db", "30", "3"] in told
-    assert ["asking", "bell", "pairs", "100", "100"] in told
-    assert ["bell-measure", "3.000", "3.000"] in told  # 5 ms, and paths opened at 2 ms
-    assert not any(words[:1] == ["fec"] for words in told)
+    output = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["service", "sdc", "teleport"] in output
+    assert ["topology", "chain", "ring"] in output
+    assert ["controller", "ryu", "os-ken"] in output
+    assert ["loss", "budget", "db", "30", "3"] in output
+    assert ["asking", "bell", "pairs", "100", "100"] in output
+    assert ["bell-measure", "3.000", "3.000"] in output  # 5 ms, and paths opened at 2 ms
+    assert not any(words[:1] == ["fec"] for words in output)
 
 
 def test_runs_that_have_sent_different_bytes_differ(
@@ -292,9 +292,9 @@ def test_runs_that_have_sent_different_bytes_differ(
         sent = {"file": "message", "bytes": 3, "sha256_sent": digest, "sha256_received": digest}
         change(runs / run, job={**job, "message": sent})
     assert called(runs, "compare", OLD, NEW) == 0
-    told = [line.split() for line in capsys.readouterr().out.splitlines()]
+    output = [line.split() for line in capsys.readouterr().out.splitlines()]
     first, second = (["3", "bytes,", "SHA-256", digest[:12]] for digest in digests.values())
-    assert ["message", *first, *second] in told
+    assert ["message", *first, *second] in output
     assert called(runs, "compare", OLD, OLD) == 0
     assert "SHA-256" not in capsys.readouterr().out
 

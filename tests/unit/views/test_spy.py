@@ -91,8 +91,8 @@ class Scene:
     def spied(self, *words: str) -> tuple[int, list[str], str]:
         """Run the verb to its end; return status, lines and what it says of itself."""
         with self.spy(*words) as process:
-            lines, said = process.communicate(timeout=SOON_S)
-        return process.returncode, lines.splitlines(), said
+            lines, text = process.communicate(timeout=SOON_S)
+        return process.returncode, lines.splitlines(), text
 
 
 @pytest.fixture
@@ -133,8 +133,8 @@ def kinds(lines: list[str]) -> list[str]:
 
 def test_the_file_of_a_run_holds_the_lines_of_its_log(scene: Scene) -> None:
     scene.act(session=3)
-    status, lines, said = scene.spied(str(scene.folder))
-    assert (status, said) == (0, "qmn: 3 events shown, 0 dropped\n")
+    status, lines, text = scene.spied(str(scene.folder))
+    assert (status, text) == (0, "qmn: 3 events shown, 0 dropped\n")
     assert lines == (scene.folder / "quantum.log").read_text().splitlines()
     assert kinds(lines) == ["create", "send", "arrive"]
 
@@ -171,9 +171,9 @@ def test_an_attached_spy_sees_events_as_they_happen_and_ends_with_the_network(
         lines = [process.stdout.readline() for _ in range(3)]
         assert all("session=0000000000000002" in line for line in lines)
         scene.process.terminate()
-        rest, said = process.communicate(timeout=SOON_S)
+        rest, text = process.communicate(timeout=SOON_S)
         assert (process.returncode, rest) == (0, "")
-        assert said == "qmn: 6 events shown, 0 dropped\n"
+        assert text == "qmn: 6 events shown, 0 dropped\n"
 
 
 @pytest.mark.parametrize("attached", [True, False])
@@ -185,9 +185,9 @@ def test_ctrl_c_ends_it_cleanly(scene: Scene, attached: bool) -> None:
         for _ in range(3):
             process.stdout.readline()
         process.send_signal(signal.SIGINT)
-        rest, said = process.communicate(timeout=SOON_S)
+        rest, text = process.communicate(timeout=SOON_S)
         assert (process.returncode, rest) == (0, "")
-        assert said == "qmn: 3 events shown, 0 dropped\n"
+        assert text == "qmn: 3 events shown, 0 dropped\n"
 
 
 def test_a_closed_pipe_ends_it_without_a_word(scene: Scene) -> None:
@@ -215,9 +215,9 @@ def test_a_spy_that_does_not_read_is_told_what_was_dropped(scene: Scene) -> None
         shown += kinds(process.stdout.read().splitlines())
         assert process.wait(timeout=SOON_S) == 0
         assert process.stderr
-        said = process.stderr.read()
-    assert "dropped" in shown, said
-    words = said.split()
+        text = process.stderr.read()
+    assert "dropped" in shown, text
+    words = text.split()
     count, dropped = int(words[1].replace(",", "")), int(words[4].replace(",", ""))
     assert dropped > 0
     assert len(shown) + 1 == count + shown.count("dropped")
@@ -250,8 +250,8 @@ def test_what_the_networks_end_takes_from_a_slow_spy_is_counted(
         process.stdout.read()
         assert process.wait(timeout=SOON_S) == 0
         assert process.stderr
-        said = process.stderr.read().split()
-    count, dropped = (int(said[place].replace(",", "")) for place in (1, 4))
+        lines = process.stderr.read().split()
+    count, dropped = (int(lines[place].replace(",", "")) for place in (1, 4))
     assert dropped > 0
     assert count + dropped == before + 400
     assert ended
@@ -264,8 +264,8 @@ def test_a_spy_that_keeps_up_loses_nothing_at_the_end(scene: Scene) -> None:
         for _ in range(9):
             process.stdout.readline()
         scene.process.terminate()
-        rest, said = process.communicate(timeout=SOON_S)
-    assert (rest, said) == ("", "qmn: 9 events shown, 0 dropped\n")
+        rest, text = process.communicate(timeout=SOON_S)
+    assert (rest, text) == ("", "qmn: 9 events shown, 0 dropped\n")
 
 
 def test_following_a_run_ends_when_it_has_left_its_result(scene: Scene) -> None:
@@ -287,7 +287,7 @@ def test_without_following_the_running_network_shows_what_was(scene: Scene) -> N
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "output"),
     [
         (["--node", "carol"], "unknown node 'carol': choose one of alice, bob, runner"),
         (["/etc"], "no quantum events at /etc/quantum.pcapng: name the folder of a run that has"),
@@ -295,11 +295,11 @@ def test_without_following_the_running_network_shows_what_was(scene: Scene) -> N
         (["--session", "x"], "'x' is not 1 to 16 hexadecimal digits"),
     ],
 )
-def test_what_cannot_be_shown_is_said(scene: Scene, words: list[str], said: str) -> None:
+def test_what_cannot_be_shown_is_said(scene: Scene, words: list[str], output: str) -> None:
     status, lines, text = scene.spied(*words)
     assert status > 0
     assert lines == []
-    assert said in text
+    assert output in text
     assert "Traceback" not in text
 
 

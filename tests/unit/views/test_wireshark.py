@@ -61,15 +61,15 @@ def test_where_it_can_wireshark_is_started(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     program = tmp_path / "wireshark"
-    program.write_text(f'#!/bin/sh\nprintf "%s\\n" "$@" >"{tmp_path}/said"\nexit 3\n')
+    program.write_text(f'#!/bin/sh\nprintf "%s\\n" "$@" >"{tmp_path}/answer"\nexit 3\n')
     program.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
     monkeypatch.setenv("DISPLAY", ":0")
     assert verb(run) == 3
-    said = (tmp_path / "said").read_text().splitlines()
-    assert said[:2] == ["-X", f"lua_script:{tmp_path / 'cache' / 'qmn.lua'}"]
-    assert said[-4:-1] == ["-r", str(run / "all.pcapng"), "-Y"]  # and shows packets once
-    assert "tcp.analysis.retransmission" in said[-1]
+    lines = (tmp_path / "answer").read_text().splitlines()
+    assert lines[:2] == ["-X", f"lua_script:{tmp_path / 'cache' / 'qmn.lua'}"]
+    assert lines[-4:-1] == ["-r", str(run / "all.pcapng"), "-Y"]  # and shows packets once
+    assert "tcp.analysis.retransmission" in lines[-1]
 
 
 def test_no_code_from_the_folder_of_a_run_is_loaded(

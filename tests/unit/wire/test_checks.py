@@ -1,4 +1,4 @@
-"""The checks of every configuration refuse in the same words, whoever asks."""
+"""The checks of every configuration refuse in the same words."""
 
 from collections.abc import Callable
 from math import inf, nan

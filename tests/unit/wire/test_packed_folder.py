@@ -50,7 +50,7 @@ def test_names_that_are_not_of_something_inside_are_refused(name: bytes, kind: i
 
 
 @pytest.mark.parametrize(
-    ("entries", "said"),
+    ("entries", "text"),
     [
         ([(b"x", 1, b"1"), (b"x", 1, b"2")], "'x' is twice"),
         ([(b"x", 0, b""), (b"x", 1, b"2")], "'x' is twice"),
@@ -63,9 +63,9 @@ def test_names_that_are_not_of_something_inside_are_refused(name: bytes, kind: i
     ],
 )
 def test_what_cannot_be_in_a_folder_is_refused(
-    entries: list[tuple[bytes, int, bytes]], said: str
+    entries: list[tuple[bytes, int, bytes]], text: str
 ) -> None:
-    with pytest.raises(MalformedPacket, match=said):
+    with pytest.raises(MalformedPacket, match=text):
         decode(packed((b"before", 1, b""), *entries))
 
 

@@ -120,7 +120,7 @@ def test_a_block_of_a_length_that_none_has_is_refused(length: int) -> None:
 
 
 def test_a_changed_byte_changes_no_other_packet_than_its_own() -> None:
-    """What is read up to a refusal is as it was written, but for the block that was changed."""
+    """The packets before a refusal are as they were written, but for the changed block."""
     whole, ends = written(), block_ends(written())
     first = len(ends) - len(PACKETS)  # the blocks before are of the section and its interfaces
     outcomes = Counter[str]()
@@ -185,9 +185,9 @@ def test_a_key_log_is_where_wireshark_looks_for_it(tmp_path: Path) -> None:
     secrets = b"CLIENT_RANDOM " + 64 * b"a" + b" " + 96 * b"b" + b"\n"
     file, plain, theirs = (tmp_path / name for name in ("a.pcapng", "b.pcapng", "c.pcapng"))
     (tmp_path / "keys").write_bytes(secrets)
-    for made, told in ((file, [secrets]), (plain, list[bytes]())):
+    for made, report in ((file, [secrets]), (plain, list[bytes]())):
         with made.open("wb") as output:
-            Writer(output, INTERFACES, *told).write(PACKETS[0])
+            Writer(output, INTERFACES, *report).write(PACKETS[0])
     tool("editcap", "--inject-secrets", f"tls,{tmp_path / 'keys'}", str(plain), str(theirs))
     whole = theirs.read_bytes()
     begin = whole.index(struct.pack("<I", DECRYPTION_SECRETS))

@@ -1,4 +1,4 @@
--- What the dissectors share: fields made of the tables, and values read by them.
+-- Shared by the dissectors: fields made of the tables, and values read by them.
 
 -- Some bit operations and integers differ between the Lua versions of Wireshark 4; these do not.
 local byte_sizes = { [1] = "uint8", [2] = "uint16", [4] = "uint32", [8] = "uint64" }

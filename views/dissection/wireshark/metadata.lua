@@ -26,13 +26,13 @@ local header = {
     length = ProtoField.uint32("qmeta.length", "length"),
     session = ProtoField.uint64("qmeta.session", "session", base.HEX),
 }
-local told = {
+local derived = {
     value = ProtoField.uint32("qmeta.value", "value"),
     opener = ProtoField.string("qmeta.opener", "opener"),
 }
 local links = link_fields("qmeta")
 local fields = list_of(made)
-for _, group in ipairs({ header, told, links }) do
+for _, group in ipairs({ header, derived, links }) do
     for _, field in pairs(group) do fields[#fields + 1] = field end
 end
 qmeta.fields = fields
@@ -197,14 +197,14 @@ local function add_numbers(tree, values, data)
         if width < 8 then
             value = math.floor(value / 2 ^ (8 - width - first % 8)) % 2 ^ width
         end
-        tree:add(told.value, place, value)
+        tree:add(derived.value, place, value)
     end
 end
 
 -- Adds what is in an envelope, if that is known here; returns what a list of packets says of it.
 local function add_content(trees, topic, content, pinfo, place, copy)
     if topic == format.opener and is_utf8(content:raw()) then
-        trees.own:add(told.opener, content, content:raw())
+        trees.own:add(derived.opener, content, content:raw())
         return content:raw()
     end
     if not readers[topic] or copy then return "" end

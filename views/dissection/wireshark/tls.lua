@@ -1,4 +1,4 @@
--- OpenFlow by TLS, on the same port as plain OpenFlow: told apart by the first byte, which is the
+-- OpenFlow by TLS, on the same port as plain OpenFlow, known by the first byte, which is the
 -- version (1 to 6) in OpenFlow and the kind of a record (20 to 23) in TLS.
 
 local port = formats.openflow.port

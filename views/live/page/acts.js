@@ -1,4 +1,4 @@
-// What can be done to what is chosen: each a form, which becomes a command of qmn.
+// The acts on a chosen part: each a form, which becomes a command of qmn.
 
 import { rate } from "./light.js";
 import { count, device, element, ports, table } from "./panels.js";

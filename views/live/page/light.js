@@ -1,7 +1,7 @@
 // Light: photons on their way, rates by time and by port, cross-connects.
 
 export const BUCKET_S = 0.1, WINDOW_S = 60; // of rates by time, and how many are kept
-const RATE_BUCKETS = 10; // of a port, over which its rate is told
+const RATE_BUCKETS = 10; // of a port, over which its rate is taken
 const LONG_S = 0.2; // of a block: its own rate is that of its light
 const GLOW_S = 1; // in which a light path that has closed is remembered: many last for milliseconds
 const LONGEST_FLIGHT_S = 60; // of a block; those of which nothing has been heard for longer are lost

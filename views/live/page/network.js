@@ -45,7 +45,7 @@ export class Drawing {
     return new Map(this.network.nodes.map((node) => [node.name, of(node)]));
   }
 
-  // What of the drawing is seen at first: all of it, with room for boxes.
+  // The first view: the whole drawing, with room for boxes.
   extent(places) {
     const xs = [...places.values()].map(({ x }) => x), ys = [...places.values()].map(({ y }) => y);
     const left = Math.min(...xs) - 0.6 * NODE.width, top = Math.min(...ys) - NODE.height;
@@ -78,7 +78,7 @@ export class Drawing {
     const text = `fibre ${fiber.name}, ${fiber.km} km, ${fiber.loss_db.toFixed(2)} dB`;
     const photons = line("photons", ...ends), middle = (ends[0].y + ends[1].y) / 2;
     const beside = middle > (a.y + b.y) / 2 ? 17 : -9; // of two fibres between the same nodes the lower one's is below
-    // Of columns that lie fibres meet at a switch: what is said of them is not side by side.
+    // Fibres of horizontal columns meet at a switch: their labels are not side by side.
     const along = this.turned ? [0.35, 0.65][this.elements.size % 2] : 0.5;
     const [x, y] = ["x", "y"].map((name) => ends[0][name] + along * (ends[1][name] - ends[0][name]));
     // A label lies along its fibre, so that no line crosses it.
@@ -179,7 +179,7 @@ export class Drawing {
         const keys = this.elements.get(fiber.name).dataset.keys.split(" ");
         found.set(fiber.name, { number, stands, flows, back: from !== keys[0] });
       }
-      if (numbers) found.get(hops.at(-1).fiber.name).label = told({ photons, lost });
+      if (numbers) found.get(hops.at(-1).fiber.name).label = rateText({ photons, lost });
     });
     return found;
   }
@@ -287,12 +287,12 @@ export class Drawing {
     for (const end of ["pointerup", "pointercancel", "pointerleave"]) {
       this.svg.addEventListener(end, (event) => pointers.delete(event.pointerId));
     }
-    // A window that is turned shows all of it anew; else what is looked at stays.
+    // A window that is turned shows the whole network again; otherwise the view stays.
     new ResizeObserver(() => (this.svg.clientWidth === this.room ? this.apply() : this.fit())).observe(this.svg);
   }
 }
 
-// Who does not see it hears of what is other than usual, behind the name.
+// A screen reader hears of anything unusual, behind the name.
 function speak(element, kinds) {
   element.spoken ??= element.getAttribute("aria-label");
   const text = [element.spoken, ...kinds.map(([, words]) => words)].join(", ");
@@ -304,8 +304,8 @@ function dress(element, classes) {
   if (element.getAttribute("class") !== text) element.setAttribute("class", text);
 }
 
-// What comes to the end of a path, in photons a second, and what is lost on its way.
-function told({ photons, lost }) {
+// Photons a second at the end of a path, and the lost share.
+function rateText({ photons, lost }) {
   if (!photons) return "";
   return `${photons.toLocaleString("en", { notation: "compact" })} photons/s, ${(100 * lost).toFixed(1)} % lost`;
 }

@@ -47,7 +47,7 @@ function show(there, cell) {
   if (there.className !== kinds) there.className = kinds;
 }
 
-// An estimate with its 95 % interval, by so many digits.
+// An estimate with its 95 % interval, to a number of digits.
 function estimate({ value, low, high }, digits, factor = 1) {
   const text = (number) => (factor * number).toFixed(digits);
   return `${text(value)} (${text(low)} to ${text(high)})`;
@@ -56,7 +56,7 @@ function estimate({ value, low, high }, digits, factor = 1) {
 const OF_SWITCH = /-(memory|source|analyser)\d+$/; // a part: its switch is enough
 const unknown = (each) => (each.over ? "not measured" : "not yet known");
 
-// What is known of how good a session's pairs are; S tells that, too.
+// The fidelity of a session's pairs, or S.
 function fidelity(each) {
   const { fidelity, chsh } = each.estimates, texts = [];
   if (fidelity) texts.push(estimate(fidelity, 4));
@@ -79,7 +79,7 @@ export function sessions(at, state) {
     newest.map((each) => {
       // Of blocks that have come: a block that is on its way is counted when it was made.
       const [made, began] = each.came ? [each.came, each.began] : [each.pairs, each.since];
-      const known = each.told.from ? each.told : each.asked;
+      const known = each.report.from ? each.report : each.asked;
       const ends = known.from ? `${known.from} → ${known.to}` : [...new Set([...each.nodes].map((name) => name.replace(OF_SWITCH, "")))].join(", ");
       const arrived = each.arrived - each.lost;
       return [

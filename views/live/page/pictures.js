@@ -11,7 +11,7 @@ export class Pictures {
     Object.assign(this, { draw, last: performance.now(), numbers: 0, due: Infinity, timer: 0, pause: 0 });
   }
 
-  // The server tells what is new every so many ms. Where it is seldom, as it wants the page to take
+  // The server sends news at an interval in ms. Where it is seldom, as it wants the page to take
   // little of the machine, nothing is drawn between.
   get seldom() {
     return this.pause > NUMBERS_MS;

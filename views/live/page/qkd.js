@@ -51,7 +51,7 @@ export function verdict({ last, failed }) {
   return [last.qber == null ? "Light is on its way; the error rate is known when test bits are compared" : `${keys} so far, ${qber}`, ""];
 }
 
-// What eavesdroppers have, in words: of hosts, and of fibres that somebody measures.
+// The knowledge of eavesdroppers in words: at hosts, and on fibres.
 export function eavesdroppers(state, fibers) {
   const services = new Set([...state.sessions.values()].map((each) => each.asked.service));
   const known = [...services].some((each) => IN_BOTH_BASES.has(each)) ? knowledge : () => "";

@@ -154,7 +154,7 @@ function session(state, id, t) {
   if (!state.sessions.has(id)) {
     if (state.sessions.size >= MOST_SESSIONS) forgetSessions(state);
     state.sessions.set(id, {
-      id, nodes: new Set(), says: "", asked: {}, since: t, last: t, pairs: 0, came: 0, arrived: 0, lost: 0, measured: 0, told: {},
+      id, nodes: new Set(), says: "", asked: {}, since: t, last: t, pairs: 0, came: 0, arrived: 0, lost: 0, measured: 0, report: {},
       estimates: {}, // what its ends have estimated: name -> {value, low, high} of 95 %
     });
   }
@@ -207,7 +207,7 @@ function decide(state, t, who, text) {
 function devices(state, m) {
   for (const device of m.devices) state.devices[device.name] = device;
   state.keyLinks = m.key_links ?? [];
-  for (const told of m.sessions) session(state, told.session, m.t).told = told;
+  for (const report of m.sessions) session(state, report.session, m.t).report = report;
 }
 
 function job(state, m) {

@@ -1,4 +1,4 @@
-// What values and the controller's facts say in words, with units.
+// Values and facts of the controller in words, with units.
 
 const UNITS = [
   ["per_s", "/s"], ["mhz", "MHz"], ["hz", "Hz"], ["dbm", "dBm"], ["db", "dB"], ["ms", "ms"], ["s", "s"], ["km", "km"],
@@ -11,7 +11,7 @@ export const reasons = {}; // why the controller has refused, by name
 
 export const plain = (text) => String(text).replaceAll("_", " ");
 
-// What a field is called, and its value with the unit that is at the end of its name.
+// The name of a field, and its value with the unit at the end of that name.
 export function quantity(name, value) {
   const [end, unit] = UNITS.find(([each]) => name.endsWith(`_${each}`)) ?? ["", ""];
   if (typeof value === "boolean") return [plain(name), value ? "yes" : "no"];
@@ -61,7 +61,7 @@ function why(detail) {
   return explained && !detail.includes(":") ? `${detail}: ${explained}` : detail ?? "";
 }
 
-const TOLD = {
+const TEXTS = {
   switch: (m, names) => `${m.kind} switch ${names[m.dpid] ?? m.dpid} connected`,
   device: (m) => (m.state ? `${m.name} ${m.state === "heard" ? "connected" : `is ${m.state}`}` : ""), // of a port "port" tells, too
   port: (m, names) => `fibre at ${names[m.dpid] ?? m.dpid} port ${m.at}: ${m.up ? "whole" : "cut"}`,
@@ -78,12 +78,12 @@ const TOLD = {
     `${name} shall use ${Object.entries(settings).map(([key, value]) => quantity(key, value ?? "default").join(" ")).join(", ")}`,
   policy: (m) => `the policy is in force${m.path ? `: ${m.path}` : ""}`,
 };
-const NOT_TOLD = new Set(["tuned", "fiber", "link"]); // what it has found of the network, and port by port
+const WITHOUT_TEXT = new Set(["tuned", "fiber", "link"]); // what it has found of the network, and port by port
 
-// What the controller has decided or heard, and why; nothing for what is no decision.
+// A decision or observation of the controller, and its reason; nothing for other facts.
 export function decision(m, names) {
-  if (NOT_TOLD.has(m.event)) return "";
-  return TOLD[m.event]?.(m, names) ?? other(m);
+  if (WITHOUT_TEXT.has(m.event)) return "";
+  return TEXTS[m.event]?.(m, names) ?? other(m);
 }
 
 function other(m) {

@@ -61,8 +61,8 @@ class Scene:
         others[1] = np.where(in_x, self.own ^ others[0] ^ odd, others[1])
         self.others = [each.astype(np.uint8) for each in others]
         self.others[0][:50] = MISSED
-        told = np.vstack([disclosed(self.kinds, each) for each in self.others])
-        self.kept = self.leader.add_block(self.kinds, self.own, told)
+        reports = np.vstack([disclosed(self.kinds, each) for each in self.others])
+        self.kept = self.leader.add_block(self.kinds, self.own, reports)
         for member, each in zip(self.members, self.others, strict=True):
             member.add_block(self.kinds, each, self.kept)
 
@@ -145,8 +145,8 @@ def test_a_tag_fits_only_what_both_ends_know(what: str) -> None:
     leader = Leader(terms, [mine])
     heard = replace(terms, eps_sec=1e-9) if what == "terms" else terms
     member = Member(heard, "bobby" if what == "name" else "bob", theirs)
-    told = disclosed(scene.kinds, scene.others[1])
-    kept = leader.add_block(scene.kinds, scene.own, told[None])
+    report = disclosed(scene.kinds, scene.others[1])
+    kept = leader.add_block(scene.kinds, scene.own, report[None])
     others = scene.others[1].copy()
     if what == "block":
         others[np.flatnonzero(scene.kinds == TEST_X)[0]] ^= 1

@@ -33,10 +33,10 @@ def werner(rng: np.random.Generator, visibility: float) -> tuple[Record, Record]
     own = np.where(tested, settings + 2, settings)
     expected = visibility * np.cos(ANGLES[bases] - ANGLES[own])
     outcomes = bits ^ (rng.random(PAIRS) >= (1 + expected) / 2)
-    return Record(bases, bits), told(own, outcomes.astype(np.uint8), rng.random(PAIRS) < 0.1)
+    return Record(bases, bits), report(own, outcomes.astype(np.uint8), rng.random(PAIRS) < 0.1)
 
 
-def told(own: Bits, outcomes: Bits, lost: NDArray[np.bool_]) -> Record:
+def report(own: Bits, outcomes: Bits, lost: NDArray[np.bool_]) -> Record:
     """Return bob's record, with his tests apart."""
     tested = own > 1
     seen = tested & ~lost
@@ -92,7 +92,7 @@ def test_who_tells_both_ends_the_same_bits_beforehand_reaches_two() -> None:
     rng = np.random.default_rng(4)
     own, zeros = rng.integers(0, 4, PAIRS, dtype=np.uint8), np.zeros(PAIRS, np.uint8)
     ends = make_ends(np.random.default_rng(1), replace(TESTED, chsh_margin=0.0))
-    ends.run((Record(random_bits(rng, PAIRS), zeros), told(own, zeros, np.zeros(PAIRS, bool))))
+    ends.run((Record(random_bits(rng, PAIRS), zeros), report(own, zeros, np.zeros(PAIRS, bool))))
     assert ends.alice.bell.s == 2.0
     assert ends.alice.failure is not None
     assert ends.alice.failure.reason is AbortReason.LOCAL

@@ -153,7 +153,7 @@ def pulses(count: int, transmission: float, split: bool = False) -> tuple[NDArra
     return levels, photons, seen.astype(np.uint8)
 
 
-def said(split: bool, eps_sec: float | None) -> tuple[Bounds, int]:
+def channel_bounds(split: bool, eps_sec: float | None) -> tuple[Bounds, int]:
     """Return the bounds on counts of a channel of .2, and how many were of one photon."""
     rng = np.random.default_rng(2)
     levels, photons, seen = pulses(PULSES, 0.2, split)
@@ -165,8 +165,8 @@ def said(split: bool, eps_sec: float | None) -> tuple[Bounds, int]:
 
 
 def test_single_photons_are_bounded_from_below_and_closely() -> None:
-    endless, ones = said(split=False, eps_sec=None)
-    finite, _ones = said(split=False, eps_sec=1e-10)
+    endless, ones = channel_bounds(split=False, eps_sec=None)
+    finite, _ones = channel_bounds(split=False, eps_sec=1e-10)
     assert 0.5 * ones < finite.single < endless.single
     assert 0.85 * ones < endless.single < 1.05 * ones
     assert endless.phase_error < finite.phase_error < 0.1
@@ -178,8 +178,8 @@ def test_who_splits_photon_numbers_is_found_by_decoys() -> None:
     _levels, _photons, spied = pulses(PULSES, 0.2, split=True)
     signal = levels == 0
     assert spied[signal].mean() == pytest.approx(honest[signal].mean(), rel=0.01)
-    found, ones = said(split=True, eps_sec=None)
-    unspied, many = said(split=False, eps_sec=None)
+    found, ones = channel_bounds(split=True, eps_sec=None)
+    unspied, many = channel_bounds(split=False, eps_sec=None)
     assert ones < 0.2 * many
     assert found.single < 0.2 * unspied.single
 

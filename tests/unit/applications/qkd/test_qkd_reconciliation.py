@@ -64,7 +64,7 @@ def test_cascade_corrects_all_errors_for_little_more_than_shannons_bound(
 ) -> None:
     rng = np.random.default_rng(1)
     sessions = 4
-    told = 0
+    count = 0
     for _ in range(sessions):
         key, other = noisy(rng, size, qber)
         reference = ReferenceKey(key, SEED)
@@ -73,8 +73,8 @@ def test_cascade_corrects_all_errors_for_little_more_than_shannons_bound(
         assert result.errors == np.count_nonzero(key != other)
         assert result.leaked_bits == reference.leaked_bits
         assert result.questions == len(asked) < rounds
-        told += result.leaked_bits
-    assert 1.0 < told / (sessions * size * binary_entropy(qber)) < most
+        count += result.leaked_bits
+    assert 1.0 < count / (sessions * size * binary_entropy(qber)) < most
 
 
 @pytest.mark.by_day(every=3)

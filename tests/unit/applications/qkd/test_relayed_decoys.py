@@ -38,11 +38,11 @@ def counted(a: float, b: float, ends: tuple[Decoys, Decoys] = (ALICE, BOB)) -> P
 @pytest.mark.parametrize(("a", "b"), [(0.9, 0.9), (0.1, 0.1), (0.3, 0.2)])
 def test_bounds_hold_and_are_close(a: float, b: float) -> None:
     """Of lasers, where single photons are known to bring what the closed form says."""
-    told, wrong = single_photons(a, b, DARK, ERROR)
-    single = ALICE.photons(1) * BOB.photons(1) * told * PULSES
+    figures, wrong = single_photons(a, b, DARK, ERROR)
+    single = ALICE.photons(1) * BOB.photons(1) * figures * PULSES
     found = bounds((ALICE, BOB), counted(a, b), None)
     assert 0.85 * single < found.single <= single
-    assert wrong / told <= found.phase_error < wrong / told + 0.1
+    assert wrong / figures <= found.phase_error < wrong / figures + 0.1
 
 
 def yields(random: np.random.Generator, most: int = 12) -> NDArray[np.float64]:
@@ -78,10 +78,10 @@ def test_pulses_of_several_photons_are_no_single_ones_where_ends_are_unlike(
 def test_bounds_hold_for_any_yields(seed: int) -> None:
     """An eavesdropper who knows the numbers of photons chooses what is announced, and what errs."""
     random = np.random.default_rng(seed)
-    told, share = yields(random), random.random((12, 12))
-    tables = [counts_of((ALICE, BOB), table) for table in (told, told, told * share)]
+    report, share = yields(random), random.random((12, 12))
+    tables = [counts_of((ALICE, BOB), table) for table in (report, report, report * share)]
     found = bounds((ALICE, BOB), PairSifted(*tables), None)
-    single = ALICE.photons(1) * BOB.photons(1) * told[1, 1] * PULSES
+    single = ALICE.photons(1) * BOB.photons(1) * report[1, 1] * PULSES
     assert found.single <= single * (1 + 1e-9)
     if found.single > 0:
         assert found.phase_error >= min(0.5, share[1, 1]) - 1e-9

@@ -77,14 +77,14 @@ def test_no_more_is_told_than_linear_programs_allow(
         * each[..., None]
         for formula in (rectilinear, diagonal)
     )
-    told, errs = single_photons(arrives, arrives, DARK, ERROR)
-    true = end.photons(1) ** 2 * PULSES / 4 * told
+    figures, errs = single_photons(arrives, arrives, DARK, ERROR)
+    true = end.photons(1) ** 2 * PULSES / 4 * figures
     found = bounds(ends, PairSifted(key[..., 0], tested[..., 0], tested[..., 1]), eps_sec)
     eps = eps_sec / TERMS
     single, test = (extreme(ends, table[..., 0], eps, 1) for table in (key, tested))
     wrong = extreme(ends, tested[..., 1], eps, -1)
     assert 0.9 * single < found.single <= single <= true
-    assert errs / told <= wrong / test < found.phase_error < 1.15 * wrong / test
+    assert errs / figures <= wrong / test < found.phase_error < 1.15 * wrong / test
     most = single * (1 - binary_entropy(wrong / test))
     assert 0.85 * most < found.secret < most
 

@@ -230,10 +230,10 @@ def asked_optics(datapath: Datapath) -> int:
 
 
 def announcement(
-    host_port: HostPort, ttl: int = 120, subtype: int = 7, told: tuple[bytes, ...] = ()
+    host_port: HostPort, ttl: int = 120, subtype: int = 7, report: tuple[bytes, ...] = ()
 ) -> bytes:
-    """Return an announcement; `told` are contents of TLVs of features, if not the port's own."""
-    node_features = (host_port.node_features.encode(),) if host_port.node_features else told
+    """Return an announcement; `report` are contents of TLVs of features, if not the port's own."""
+    node_features = (host_port.node_features.encode(),) if host_port.node_features else report
     address = bytes(int(part) for part in host_port.address.split("."))
     frame = (
         Ether(dst="01:80:c2:00:00:0e", src="02:00:00:00:01:00", type=0x88CC)

@@ -280,12 +280,12 @@ def test_a_classical_switch_is_there_when_it_has_taken_in_all_entries(scene: Sce
     (barrier,) = [each for each in sent if each.kind == ofproto.OFPT_BARRIER_REQUEST]
     assert sent.index(barrier) > max(map(sent.index, flow_mods(sent)))
     here = {"event": "switch", "dpid": S1, "kind": "classical"}
-    assert here not in told(scene)
+    assert here not in facts(scene)
     answer = SimpleNamespace(msg=SimpleNamespace(datapath=scene.s1, xid=barrier.xid))
     for _again in range(2):
         scene.quantum.barrier_passed(answer)
-        assert told(scene).count(here) == 1
+        assert facts(scene).count(here) == 1
 
 
-def told(scene: Scene) -> list[dict[str, Any]]:
+def facts(scene: Scene) -> list[dict[str, Any]]:
     return [{k: v for k, v in fact.items() if k != "time_ns"} for fact in scene.recorded()]

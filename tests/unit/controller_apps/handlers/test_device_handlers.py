@@ -141,19 +141,19 @@ ORDER = EventCommand(Command(ALICE, SEAL))
 
 def answers(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int, str, Reason]]:
     """Return the answers to orders that other apps will have seen."""
-    told: list[tuple[str, int, str, Reason]] = []
+    reports: list[tuple[str, int, str, Reason]] = []
     monkeypatch.setattr(
         scene.monitor,
         "send_event",
-        lambda app, event: told.append((app, event.session, event.node, event.reason)),
+        lambda app, event: reports.append((app, event.session, event.node, event.reason)),
     )
-    return told
+    return reports
 
 
 def test_an_order_is_sent_again_until_it_is_answered(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told = answers(scene, monkeypatch)
+    reports = answers(scene, monkeypatch)
     scene.says(SET)
     scene.datagrams()
     scene.monitor.ordered(ORDER)
@@ -161,10 +161,10 @@ def test_an_order_is_sent_again_until_it_is_answered(
     assert order == replace(SEAL, session=order.session)
     scene.tick(0.1)
     assert order in scene.datagrams()
-    assert told == []
+    assert reports == []
     scene.says(Answer(order.session, Reason.OK))
     scene.says(Answer(order.session, Reason.OK))  # to the order that was sent again
-    assert told == [("QuantumMetadata", 7, ALICE, Reason.OK)]
+    assert reports == [("QuantumMetadata", 7, ALICE, Reason.OK)]
     scene.datagrams()
     scene.tick(0.1)
     assert order not in scene.datagrams()
@@ -173,13 +173,13 @@ def test_an_order_is_sent_again_until_it_is_answered(
 def test_a_refused_order_is_told_to_the_one_that_asked_for_it(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told = answers(scene, monkeypatch)
+    reports = answers(scene, monkeypatch)
     scene.says(SET)
     scene.datagrams()
     scene.monitor.ordered(ORDER)
     (order,) = scene.datagrams()
     scene.says(Answer(order.session, Reason.UNSUPPORTED, "no"))
-    assert told == [("QuantumMetadata", 7, ALICE, Reason.UNSUPPORTED)]
+    assert reports == [("QuantumMetadata", 7, ALICE, Reason.UNSUPPORTED)]
 
 
 def test_a_node_that_is_heard_in_time_gets_its_order_then(scene: Scene) -> None:
@@ -201,7 +201,7 @@ def test_an_order_that_nobody_answers_is_given_up(scene: Scene) -> None:
 def test_a_seal_is_ordered_and_its_answer_told_to_the_one_that_asked_for_it(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told = answers(scene, monkeypatch)
+    reports = answers(scene, monkeypatch)
     scene.says(SET)
     scene.datagrams()
     scene.monitor.ordered(EventCommand(Command(ALICE, SEAL)))
@@ -209,13 +209,13 @@ def test_a_seal_is_ordered_and_its_answer_told_to_the_one_that_asked_for_it(
     assert order.session > 0
     assert order == replace(SEAL, session=order.session)
     scene.says(Answer(order.session, Reason.OK))
-    assert told == [("QuantumMetadata", 7, ALICE, Reason.OK)]
+    assert reports == [("QuantumMetadata", 7, ALICE, Reason.OK)]
     scene.monitor.ordered(EventCommand(Command(ALICE, PreemptMonitor(0, 7))))
     (back,) = scene.datagrams()
     assert back == PreemptMonitor(back.session, 7)
     assert back.session != order.session
     scene.says(Answer(back.session, Reason.UNKNOWN_SESSION))  # it was over already
-    assert len(told) == 1
+    assert len(reports) == 1
     scene.tick(0.1)
     assert not any(isinstance(message, PreemptMonitor) for message in scene.datagrams())
 
@@ -223,8 +223,8 @@ def test_a_seal_is_ordered_and_its_answer_told_to_the_one_that_asked_for_it(
 def test_what_a_host_says_of_a_session_is_told_as_that(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told: list[Any] = []
-    monkeypatch.setattr(scene.monitor, "send_event", lambda _app, event: told.append(event))
+    reports: list[Any] = []
+    monkeypatch.setattr(scene.monitor, "send_event", lambda _app, event: reports.append(event))
     scene.monitor.ordered(EventCommand(Command(ALICE, SessionQuery(0, 7))))
     scene.says(SET)  # it was not heard before
     scene.datagrams()
@@ -232,21 +232,23 @@ def test_what_a_host_says_of_a_session_is_told_as_that(
     (question,) = (each for each in scene.datagrams() if isinstance(each, SessionQuery))
     assert question.about == 7
     scene.says(Answer(question.session, Reason.UNKNOWN_SESSION))
-    (event,) = told
+    (event,) = reports
     assert type(event) is EventSessionReported
     assert (event.session, event.node, event.reason) == (7, ALICE, Reason.UNKNOWN_SESSION)
 
 
 def test_what_a_seal_has_found_is_told_once(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    told: list[tuple[str, Any]] = []
-    monkeypatch.setattr(scene.monitor, "send_event", lambda app, event: told.append((app, event)))
+    reports: list[tuple[str, Any]] = []
+    monkeypatch.setattr(
+        scene.monitor, "send_event", lambda app, event: reports.append((app, event))
+    )
     scene.says(SET)
     report = replace(
         SET, monitor=7, monitor_compared=65, monitor_errors=13, monitor_tests=4, alarm=7
     )
     for _again in range(2):
         scene.says(report)
-    (_app, alarm), (app, over) = told
+    (_app, alarm), (app, over) = reports
     assert isinstance(alarm, EventAlarm)
     assert isinstance(over, EventMonitorOver)
     assert (app, over.host, over.address, over.report) == (

@@ -144,15 +144,17 @@ def test_what_an_end_has_found_out_is_recorded_also_when_the_session_is_over(
     def estimates() -> list[dict[str, Any]]:
         return [fact for fact in ready.recorded() if fact["event"] == "estimate"]
 
-    told = SessionEstimate(0, FRAMED.session, Quantity.FIDELITY, 0.9, 0.8, 0.95)
-    ready.quantum.estimate_reported(EventEstimate("alice", ALICE, told))  # not yet a session
+    report = SessionEstimate(0, FRAMED.session, Quantity.FIDELITY, 0.9, 0.8, 0.95)
+    ready.quantum.estimate_reported(EventEstimate("alice", ALICE, report))  # not yet a session
     grant(ready)
-    ready.quantum.estimate_reported(EventEstimate("charlie", CHARLIE, told))  # at none of its ends
+    ready.quantum.estimate_reported(
+        EventEstimate("charlie", CHARLIE, report)
+    )  # at none of its ends
     assert estimates() == []
-    ready.quantum.estimate_reported(EventEstimate("alice", ALICE, told))
+    ready.quantum.estimate_reported(EventEstimate("alice", ALICE, report))
     ready.packet_in(ready.s1, 1, frame(seq=100 + len(FRAMED.encode()), flags="FA"))
     assert ready.recorded()[-1]["event"] == "torn_down"
-    qber = replace(told, quantity=Quantity.QBER)
+    qber = replace(report, quantity=Quantity.QBER)
     ready.quantum.estimate_reported(EventEstimate("bob", BOB, qber))
     found = [(fact["session"], fact["host"], fact["quantity"]) for fact in estimates()]
     session = f"{FRAMED.session:016x}"

@@ -64,26 +64,26 @@ def test_nobody_announces_the_fibre_of_another(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, lie: dict[str, Any], words: str
 ) -> None:
     scene = Scene(tmp_path, keys={"bob": KEY, "charlie": OTHER_KEY})
-    told: dict[str, Any] = {
+    reports: dict[str, Any] = {
         "name": "bob",
         "port": "bob-q0",
         "address": BOB,
         "mac": bytes(6),
         "ttl_s": 30,
     }
-    told |= {"node_features": NodeFeatures(EVERYTHING, 8), "key": KEY, "number": 5}
-    scene.packet_in(scene.q1, 2, host_announcement(**told))
+    reports |= {"node_features": NodeFeatures(EVERYTHING, 8), "key": KEY, "number": 5}
+    scene.packet_in(scene.q1, 2, host_announcement(**reports))
     at = SwitchPort(Q1, 2)
     assert set(scene.quantum.network.hosts) == {at}
     with caplog.at_level("INFO", scene.quantum.logger.name):
-        scene.packet_in(scene.q1, 4, host_announcement(**{**told, "number": 6, **lie}))
+        scene.packet_in(scene.q1, 4, host_announcement(**{**reports, "number": 6, **lie}))
     assert words in caplog.text
     assert set(scene.quantum.network.hosts) == {at}
     scene.quantum.fibers.needs_seal = False  # for attack studies: all are believed
-    scene.packet_in(scene.q1, 9, host_announcement(**{**told, "number": 6, **lie}))
+    scene.packet_in(scene.q1, 9, host_announcement(**{**reports, "number": 6, **lie}))
     assert SwitchPort(Q1, 9) in scene.quantum.network.hosts
     scene.quantum.fibers.needs_seal = True
-    scene.packet_in(scene.q1, 4, host_announcement(**{**told, "number": 7}))
+    scene.packet_in(scene.q1, 4, host_announcement(**{**reports, "number": 7}))
     assert SwitchPort(Q1, 4) in scene.quantum.network.hosts
 
 
@@ -141,8 +141,8 @@ def test_fibres_are_cut_and_mended_as_their_ports_go_down_and_up(ready: Scene) -
     ready.q1.ports = {3: port(3, state=ofproto.OFPPS_LINK_DOWN), ofproto.OFPP_LOCAL: local}
     ready.connect(ready.q1)
     assert cut == {(Q1, 3)}
-    told = [(fact["at"], fact["up"]) for fact in ready.recorded() if fact["event"] == "port"]
-    assert told == [(1, False), (1, True), (3, False)]
+    reports = [(fact["at"], fact["up"]) for fact in ready.recorded() if fact["event"] == "port"]
+    assert reports == [(1, False), (1, True), (3, False)]
 
 
 def spoken(messages: list[Any]) -> dict[int, bytes]:
@@ -284,17 +284,17 @@ def test_hosts_say_what_they_can_do_or_what_they_say_is_not_heard(scene: Scene) 
     able = replace(FIBERS[1], node_features=NodeFeatures(EVERYTHING, 32))
     data = announcement(able)
     assert discovery.parse(data) == discovery.Announcement(able, leaving=False)
-    told = able.node_features.encode() if able.node_features else b""
-    refused = [told[:length] for length in range(len(told))]
-    refused += [told + b"\0", b"\xff" + told[1:], b"\x02" + bytes(4), b"\x0d" + told[1:]]
+    report = able.node_features.encode() if able.node_features else b""
+    refused = [report[:length] for length in range(len(report))]
+    refused += [report + b"\0", b"\xff" + report[1:], b"\x02" + bytes(4), b"\x0d" + report[1:]]
     for number, info in enumerate(refused, 1):
-        wrong = announcement(FIBERS[1], told=(info,))
+        wrong = announcement(FIBERS[1], report=(info,))
         with pytest.raises(MalformedPacket):
             discovery.parse(wrong)
         scene.packet_in(scene.q1, 1, wrong)
         assert scene.quantum.journal.dropped["lldp"] == number
     with pytest.raises(MalformedPacket, match="tells 2 times"):
-        discovery.parse(announcement(FIBERS[1], told=(told, told)))
+        discovery.parse(announcement(FIBERS[1], report=(report, report)))
     assert not scene.quantum.network.hosts
     scene.packet_in(scene.q1, 1, data)
     assert scene.quantum.network.node_features_of(able.address) == able.node_features

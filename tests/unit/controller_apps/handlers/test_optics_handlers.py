@@ -53,8 +53,8 @@ def test_optics_that_come_in_parts_are_taken_whole(scene: Scene) -> None:
     assert Q1 not in scene.quantum.network.connected
     scene.tell_optics(q1, others)
     assert Q1 in scene.quantum.network.connected
-    told = scene.quantum.network.optics.path
-    assert [told(Q1, 1, 2), told(Q1, 2, 1), told(Q1, 3, 4)] == [one, two, others]
+    report = scene.quantum.network.optics.path
+    assert [report(Q1, 1, 2), report(Q1, 2, 1), report(Q1, 3, 4)] == [one, two, others]
 
 
 def test_a_switch_that_knows_nothing_of_optics_is_of_use_all_the_same(scene: Scene) -> None:
