@@ -77,10 +77,10 @@ PRINTING = (
 class Verbs(argparse._SubParsersAction):  # type: ignore[type-arg]
     """The verbs, each with its line of the help."""
 
-    def add_parser(self, name: str, **given: Any) -> Any:
+    def add_parser(self, name: str, **value: Any) -> Any:
         """Add a verb, whose description is that line, too, if it has no other."""
         text = VERBS[name]
-        return super().add_parser(name, **{"description": text} | given | {"help": text})
+        return super().add_parser(name, **{"description": text} | value | {"help": text})
 
 
 def described(words: Sequence[str] = (), whole: bool = False) -> Parser:

@@ -77,10 +77,10 @@ def read(
 
 
 def from_keywords(
-    kind: type[Kind], given: Mapping[str, Any], parts: Parts = NO_PARTS, **known: Any
+    kind: type[Kind], content: Mapping[str, Any], parts: Parts = NO_PARTS, **known: Any
 ) -> Kind:
     """Return the options that keywords name; raise BadInput for what the command line refuses."""
-    reader = KeywordReader(dict(given), known, parts)
+    reader = KeywordReader(dict(content), known, parts)
     options = reader.read(kind)
     for name in sorted(reader.given):
         raise BadInput(f"there is no option {name}: {remedy(name, reader.names)}")
@@ -103,8 +103,8 @@ class OptionReader:
         """Return the name by which a field is given; None: by none."""
         return option.name
 
-    def value_of(self, option: "Field[Any]", given: Any) -> Any:
-        return given
+    def value_of(self, option: "Field[Any]", value: Any) -> Any:
+        return value
 
     def read(self, kind: type[Kind]) -> Kind:
         values = {}
@@ -124,19 +124,19 @@ class OptionReader:
 class CommandLineReader(OptionReader):
     """Reads what argparse has made of words."""
 
-    def value_of(self, option: "Field[Any]", given: Any) -> Any:
+    def value_of(self, option: "Field[Any]", value: Any) -> Any:
         """Return a value as its field has it: lists are tuples there, and some texts are paths."""
-        if isinstance(given, list):
-            return tuple(given)
-        return Path(given) if kind_of(option.type) is Path else given
+        if isinstance(value, list):
+            return tuple(value)
+        return Path(value) if kind_of(option.type) is Path else value
 
 
 class KeywordReader(OptionReader):
     def name_of(self, option: "Field[Any]") -> str | None:
         return option.name if "help" in declared(option) else None
 
-    def value_of(self, option: "Field[Any]", given: Any) -> Any:
-        return _value(option, given)
+    def value_of(self, option: "Field[Any]", value: Any) -> Any:
+        return _value(option, value)
 
 
 def check_ranges(options: "DataclassInstance") -> None:
@@ -190,30 +190,30 @@ def kind_of(hint: Any) -> Any:
     return get_origin(hint) or hint
 
 
-def _value(option: "Field[Any]", given: Any) -> Any:
+def _value(option: "Field[Any]", content: Any) -> Any:
     """Return the value of a keyword, read as its text would be on the command line."""
     kind, declaration = kind_of(option.type), declared(option)
-    if given is None and option.default is None:
+    if content is None and option.default is None:
         return None
     if kind is tuple:
-        values = given if isinstance(given, list | tuple) else (given,)
+        values = content if isinstance(content, list | tuple) else (content,)
         return tuple(_parsed(option, str, value) for value in values)
     if kind is bool:
-        if not isinstance(given, bool):
-            raise BadInput(f"{option.name} {given!r}: choose True or False")
-        return given
-    value = _parsed(option, kind, given)
+        if not isinstance(content, bool):
+            raise BadInput(f"{option.name} {content!r}: choose True or False")
+        return content
+    value = _parsed(option, kind, content)
     if "choices" in declaration:
         check_choice(option.name, value, declaration["choices"], BadInput)
     return value
 
 
-def _parsed(option: "Field[Any]", kind: Callable[[str], Any], given: Any) -> Any:
+def _parsed(option: "Field[Any]", kind: Callable[[str], Any], value: Any) -> Any:
     parse = declared(option).get("parse", kind)
     try:
         if parse is int or parse is float:
             unit = unit_of(option.name, declared(option).get("metavar"))
-            return quantity(unit, str(given), parse)
-        return parse(str(given))
+            return quantity(unit, str(value), parse)
+        return parse(str(value))
     except (ValueError, argparse.ArgumentTypeError) as error:
         raise BadInput(f"{option.name}: {error}") from error

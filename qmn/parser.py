@@ -58,7 +58,7 @@ class Parser(argparse.ArgumentParser):
     wire/parameters/checks.py.
     """
 
-    def __init__(self, headings: Mapping[str, Collection[str]] = NO_HEADINGS, **given: Any) -> None:
+    def __init__(self, headings: Mapping[str, Collection[str]] = NO_HEADINGS, **value: Any) -> None:
         """Accept argparse's arguments; parsers of verbs use this class, too.
 
         Help has the verbs below under `headings`, which name them.
@@ -67,7 +67,7 @@ class Parser(argparse.ArgumentParser):
         self._put_off: Callable[[], None] | None = None
         # Takes words that are no options of this verb; it may raise ValueError.
         self.take_unknown: Callable[[argparse.Namespace, list[str]], None] | None = None
-        super().__init__(**{"allow_abbrev": False} | given)
+        super().__init__(**{"allow_abbrev": False} | value)
 
     def put_off(self, describe: Callable[[], None]) -> None:
         """Have the options described when they are needed first: of one job among twenty."""

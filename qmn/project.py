@@ -21,8 +21,8 @@ def name_and_version() -> str:
 class ShowVersion(argparse.Action):
     """Prints name and version, and ends the program; only then is the file read."""
 
-    def __init__(self, option_strings: list[str], dest: str, **given: Any) -> None:
-        super().__init__(option_strings, argparse.SUPPRESS, nargs=0, **given)
+    def __init__(self, option_strings: list[str], dest: str, **value: Any) -> None:
+        super().__init__(option_strings, argparse.SUPPRESS, nargs=0, **value)
 
     def __call__(self, parser: argparse.ArgumentParser, *_given: Any) -> None:
         print(name_and_version())

@@ -126,14 +126,14 @@ class FabricTopo(QuantumTopo):
         self.addFibers(one, other, fibers, **{**self._fiber, **own})
 
 
-def fiber_of(preset: str, given: Mapping[str, Any]) -> dict[str, Any]:
+def fiber_of(preset: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the parameters of every fibre: what is given, else what its kind and preset say.
 
     A kind that is given goes before the preset's other parameters, as its own values differ.
     """
     base = presets.preset(preset).fiber
-    kind = KINDS.get(str(given["kind"]), {}) if "kind" in given else {}
-    chosen = {**base, **kind, **given}
+    kind = KINDS.get(str(options["kind"]), {}) if "kind" in options else {}
+    chosen = {**base, **kind, **options}
     resolved(optics("every fibre", **chosen))
     return chosen
 

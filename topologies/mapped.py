@@ -58,28 +58,30 @@ class MapTopo(FabricTopo):
         self.add_dispatcher(self.next_address())
         names = self.add_quantum_switches(len(read.places))
         switches = {place.name: q for place, q in zip(read.places, names, strict=True)}
-        ways: Distances = {place.name: {} for place in read.places}
-        for way in read.ways:
-            own = {"length_km": way.length_km}
-            if way.loss_db_per_km is not None and "loss_db_per_km" not in fiber:
-                own["loss_db_per_km"] = way.loss_db_per_km
-            self.join(switches[way.one], switches[way.other], int(fibers), **own)
-            for one, other in ((way.one, way.other), (way.other, way.one)):
-                ways[one][other] = min(way.length_km, ways[one].get(other, way.length_km))
-        sources = self._add_sources(read, chosen(read, sources_at), ways, switches)
-        self._add_hosts(places, sources, ways, switches)
+        distances: Distances = {place.name: {} for place in read.places}
+        for link in read.links:
+            own = {"length_km": link.length_km}
+            if link.loss_db_per_km is not None and "loss_db_per_km" not in fiber:
+                own["loss_db_per_km"] = link.loss_db_per_km
+            self.join(switches[link.one], switches[link.other], int(fibers), **own)
+            for one, other in ((link.one, link.other), (link.other, link.one)):
+                distances[one][other] = min(
+                    link.length_km, distances[one].get(other, link.length_km)
+                )
+        sources = self._add_sources(read, chosen(read, sources_at), distances, switches)
+        self._add_hosts(places, sources, distances, switches)
         self.positions = positions_of(read, switches, sources)
 
     def _add_sources(
         self,
         read: Map,
         places: Sequence[Place],
-        ways: Distances,
+        distances: Distances,
         switches: dict[str, str],
     ) -> dict[str, str]:
         """Add a pair source at each of these places, or at the centre; return which is where."""
         at = [place.name for place in places]
-        at = at or [str(centre(ways, [place.name for place in read.places]))]
+        at = at or [str(centre(distances, [place.name for place in read.places]))]
         found = {place: f"{SOURCE}{n if len(at) > 1 else ''}" for n, place in enumerate(at, 1)}
         for place, name in found.items():
             self.add_host(name, self.next_address(), source=True)
@@ -90,11 +92,11 @@ class MapTopo(FabricTopo):
         self,
         places: Sequence[Place],
         sources: dict[str, str],
-        ways: Distances,
+        distances: Distances,
         switches: dict[str, str],
     ) -> None:
         for place in places:
-            away = shortest(ways, place.name)
+            away = shortest(distances, place.name)
             nearest = min(sources, key=lambda source: away[source])
             name = place.name
             self.add_host(name, self.next_address(), pairs_from=sources[nearest])

@@ -117,11 +117,11 @@ def sections(text: str) -> dict[str, Section]:
 
 def row_of(line: str, words: str) -> Row | None:
     """Return name, type and meaning of a call, a field or a value; None for another line."""
-    if found := CALL.match(line):
-        return f"`{found[1]}`", f"{found[2]} → {found[3]}", words or by_name(found[1].lower())
-    if found := FIELD.match(line):
-        name, kind = found[2], found[1] or ""
-        behind = " ".join(filter(None, [words, found[3]]))
+    if match := CALL.match(line):
+        return f"`{match[1]}`", f"{match[2]} → {match[3]}", words or by_name(match[1].lower())
+    if match := FIELD.match(line):
+        name, kind = match[2], match[1] or ""
+        behind = " ".join(filter(None, [words, match[3]]))
         return f"`{name}`", kind, behind or by_name(name.lower())
     return None
 

@@ -33,19 +33,19 @@ MOST_BITS = 1_000  # of an integer: floats have no more
 SURROGATES = re.compile("[\ud800-\udfff]")
 
 
-def read(kind: type[T], given: Any, place: str = "the result") -> T:
+def read(kind: type[T], value: Any, place: str = "the result") -> T:
     """Return what decoded JSON says; raise MalformedPacket, which names the place, for others."""
-    return cast("T", _read(kind, given, place))
+    return cast("T", _read(kind, value, place))
 
 
 def read_fields(
-    kinds: Mapping[str, Any], needed: Collection[str], given: Mapping[str, Any], place: str
+    kinds: Mapping[str, Any], needed: Collection[str], content: Mapping[str, Any], place: str
 ) -> dict[str, Any]:
     """Return values of these kinds, by name; raise MalformedPacket for a name too many or few."""
-    check_names(place, given, kinds, MalformedPacket)
-    if missing := [name for name in needed if name not in given]:
+    check_names(place, content, kinds, MalformedPacket)
+    if missing := [name for name in needed if name not in content]:
         raise MalformedPacket(f"{place} has no {', '.join(missing)}")
-    return {name: _read(kinds[name], each, f"{place}.{name}") for name, each in given.items()}
+    return {name: _read(kinds[name], each, f"{place}.{name}") for name, each in content.items()}
 
 
 def _read(kind: Any, given: Any, place: str) -> Any:
@@ -64,26 +64,26 @@ def _read(kind: Any, given: Any, place: str) -> Any:
     return _read_dataclass(kind, _plain(dict, given, place), place)
 
 
-def _items(origin: Any, inner: tuple[Any, ...], given: list[Any], place: str) -> Iterator[Any]:
-    kinds = [inner[0]] * len(given) if origin is list or inner[-1] is Ellipsis else inner
-    if len(kinds) != len(given):
-        raise MalformedPacket(f"{place} has {len(given)} items, not {len(kinds)}")
-    for number, (kind, value) in enumerate(zip(kinds, given, strict=True)):
+def _items(origin: Any, inner: tuple[Any, ...], items: list[Any], place: str) -> Iterator[Any]:
+    kinds = [inner[0]] * len(items) if origin is list or inner[-1] is Ellipsis else inner
+    if len(kinds) != len(items):
+        raise MalformedPacket(f"{place} has {len(items)} items, not {len(kinds)}")
+    for number, (kind, value) in enumerate(zip(kinds, items, strict=True)):
         yield _read(kind, value, f"{place}[{number}]")
 
 
-def _plain(kind: Any, given: Any, place: str) -> Any:
+def _plain(kind: Any, value: Any, place: str) -> Any:
     """Return a value of the kind as JSON has it: True is no number, and an integer may be one."""
-    right = isinstance(given, int | float if kind is float else kind)
-    if not right or (isinstance(given, bool) and kind is not bool) or not _can_be_used(given):
-        raise MalformedPacket(f"{place}: {reprlib.repr(given)} is not {PLAIN[kind]}")
-    return given
+    right = isinstance(value, int | float if kind is float else kind)
+    if not right or (isinstance(value, bool) and kind is not bool) or not _can_be_used(value):
+        raise MalformedPacket(f"{place}: {reprlib.repr(value)} is not {PLAIN[kind]}")
+    return value
 
 
-def _can_be_used(given: Any) -> bool:
-    if isinstance(given, str):
-        return not SURROGATES.search(given)
-    return not isinstance(given, int) or given.bit_length() <= MOST_BITS
+def _can_be_used(value: Any) -> bool:
+    if isinstance(value, str):
+        return not SURROGATES.search(value)
+    return not isinstance(value, int) or value.bit_length() <= MOST_BITS
 
 
 def _read_dataclass(kind: Any, given: dict[str, Any], place: str) -> Any:
@@ -99,21 +99,21 @@ def _fields_of(kind: Any) -> tuple[dict[str, Any], list[str]]:
     return {each.name: hints[each.name] for each in there}, needed
 
 
-def _fitting(kinds: tuple[Any, ...], given: Any, place: str) -> Any:
+def _fitting(kinds: tuple[Any, ...], value: Any, place: str) -> Any:
     """Return the one of several types that a value is of; of dataclasses, that with its names."""
-    if isinstance(given, Mapping):
+    if isinstance(value, Mapping):
         for kind in kinds:
             if is_dataclass(kind):
                 known, needed = _fields_of(cast("Any", kind))
-                if set(needed) <= given.keys() <= known.keys():
+                if set(needed) <= value.keys() <= known.keys():
                     return kind
     for kind in kinds:
         if kind in PLAIN or get_origin(kind):
             with suppress(MalformedPacket):
-                _read(kind, given, place)
+                _read(kind, value, place)
                 return kind
     names = ", ".join(getattr(kind, "__name__", str(kind)) for kind in kinds)
-    raise MalformedPacket(f"{place}: {reprlib.repr(given)} is none of {names}")
+    raise MalformedPacket(f"{place}: {reprlib.repr(value)} is none of {names}")
 
 
 def is_needed(field: Any) -> bool:

@@ -72,36 +72,36 @@ def call(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def facts(circuit: Circuit, counts: list[tuple[str, int]], asked: CircuitRun) -> dict[str, Any]:
+def facts(circuit: Circuit, counts: list[tuple[str, int]], run: CircuitRun) -> dict[str, Any]:
     """Return the result for programs; circuits are simulated exactly on every backend."""
     return {
-        "file": asked.file,
+        "file": run.file,
         "qubits": circuit.qubits,
         "registers": {register.name: register.size for register in circuit.registers},
-        "shots": asked.shots,
-        "seed": asked.seed,
-        "backend": asked.backend,
+        "shots": run.shots,
+        "seed": run.seed,
+        "backend": run.backend,
         "exact": True,
         "counts": dict(counts),
     }
 
 
-def show(circuit: Circuit, counts: list[tuple[str, int]], asked: CircuitRun) -> None:
+def show(circuit: Circuit, counts: list[tuple[str, int]], run: CircuitRun) -> None:
     console = Console(highlight=False, soft_wrap=True)
     console.print(
-        f"{circuit.qubits} qubits, {asked.shots:,} shots, seed {asked.seed}, backend "
-        f"{asked.backend}, exact: true"
+        f"{circuit.qubits} qubits, {run.shots:,} shots, seed {run.seed}, backend "
+        f"{run.backend}, exact: true"
     )
     if not circuit.bits:
         console.print("nothing is measured; add creg c[1]; and measure q[0] -> c[0];")
         return
     if sum(max(len(r.name), r.size) + 2 for r in circuit.registers) > WIDEST:
         for values, number in counts[:MOST_ROWS]:
-            console.print(f"{number:,} shots, {100 * number / asked.shots:.2f} %")
+            console.print(f"{number:,} shots, {100 * number / run.shots:.2f} %")
             for register, value in zip(circuit.registers, values.split(" "), strict=True):
                 console.print(f"  {register.name} {value}")
     else:
-        console.print(table(circuit, counts[:MOST_ROWS], asked.shots))
+        console.print(table(circuit, counts[:MOST_ROWS], run.shots))
     if len(counts) > MOST_ROWS:
         console.print(f"and {len(counts) - MOST_ROWS:,} values more; --json prints all")
 

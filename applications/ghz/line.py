@@ -94,8 +94,8 @@ def introduced() -> Steps[list[str]]:
     return names
 
 
-def asked_of_next(asked: Setup) -> Setup:
-    return unanswered(asked, session=(asked.session + 1) % (1 << 64))
+def asked_of_next(setup: Setup) -> Setup:
+    return unanswered(setup, session=(setup.session + 1) % (1 << 64))
 
 
 @dataclass(frozen=True)

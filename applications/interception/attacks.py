@@ -95,7 +95,7 @@ class InterceptResend:
 
 
 @dataclass(frozen=True)
-class Way:
+class PathLosses:
     """The loss of light from here to a click: expected by both ends, and real."""
 
     expected_db: float = 0.0
@@ -132,15 +132,15 @@ class Split:
 class PhotonSplitting:
     """Splits photons off, and keeps them."""
 
-    def __init__(self, way: Way, seeds: tuple[int, ...], memory_qubits: int) -> None:
-        self._way, self._seeds = way, seeds
+    def __init__(self, losses: PathLosses, seeds: tuple[int, ...], memory_qubits: int) -> None:
+        self._losses, self._seeds = losses, seeds
         self._capacity = memory_qubits
         self._kept: deque[tuple[BlockName, int]] = deque()  # and how many photons
         self._split = Split()
 
     @property
     def summary(self) -> dict[str, Any]:
-        return {**asdict(self._way), **asdict(self._split)}
+        return {**asdict(self._losses), **asdict(self._split)}
 
     def attack(self, block: BlockName, photons: int) -> Steps[dict[str, Any]]:
         """Keep one photon of each pulse that has several; hold some single ones back."""
@@ -180,7 +180,7 @@ class PhotonSplitting:
 
     def _held_back(self, block: BlockName, counts: Symbols) -> NDArray[np.intp]:
         """Return which pulses with light are not sent on."""
-        single, several = self._way.sent_on(np.bincount(counts).tolist())
+        single, several = self._losses.sent_on(np.bincount(counts).tolist())
         shares = np.where(counts >= SEVERAL, several, single)
         drawn = choices(self._seeds, block).random(counts.size)
         return np.flatnonzero((counts > 0) & (drawn >= shares))

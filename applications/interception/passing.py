@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from applications.interception.attacks import Attack, InterceptResend, PhotonSplitting, Way
+from applications.interception.attacks import Attack, InterceptResend, PathLosses, PhotonSplitting
 from applications.timeouts import RESENT_TIMEOUT_S
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic
@@ -69,7 +69,9 @@ class Passing:
         self.attack: Attack = (
             InterceptResend(options.fraction, seeds)
             if options.attack == RESEND
-            else PhotonSplitting(Way(options.expected_db, options.onward_db), seeds, memory_qubits)
+            else PhotonSplitting(
+                PathLosses(options.expected_db, options.onward_db), seeds, memory_qubits
+            )
         )
         self._blocks = self._photons = self._lost_blocks = 0
 

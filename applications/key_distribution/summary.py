@@ -111,9 +111,11 @@ def so_far(progress: Progress, ends: Iterable[End], now_s: float) -> KeyProgress
     )
 
 
-def error_rate(found: Estimate) -> tuple[float, float, float] | tuple[None, None, None]:
+def error_rate(estimate: Estimate) -> tuple[float, float, float] | tuple[None, None, None]:
     """Return the error rate and the ends of its interval; None: no bit was compared."""
-    return (found.qber, *found.interval(CONFIDENCE)) if found.sample else (None, None, None)
+    return (
+        (estimate.qber, *estimate.interval(CONFIDENCE)) if estimate.sample else (None, None, None)
+    )
 
 
 def summary(progress: Progress, ends: Iterable[End], now_s: float) -> KeyFigures:

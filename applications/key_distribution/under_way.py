@@ -118,7 +118,7 @@ class KeysUnderWay:
         del self._makings[number]
 
     def step(
-        self, number: int, act: Callable[..., list[bytes]], *given: object, quick: bool = False
+        self, number: int, act: Callable[..., list[bytes]], *value: object, quick: bool = False
     ) -> Steps[None]:
         """Have this end of a key take a step, beside all else unless it is quick; say what comes.
 
@@ -128,7 +128,7 @@ class KeysUnderWay:
         yield WaitUntil(lambda: not making.busy)
         making.busy = True
         was = making.keys.state
-        answers = act(*given) if quick else (yield Work(act, given))
+        answers = act(*value) if quick else (yield Work(act, value))
         if making.keys.state is State.DONE is not was:
             yield from self._when_done(number, making.keys)
         yield self._said(answers)

@@ -83,8 +83,8 @@ def run(request: KeysRequest, signals: Signals, console: Console) -> int:
     eve = ScheduledEavesdropper(request.eve, *path, folder)
     context = RunContext(eve.with_policy(description), request.run, folder, signals, console)
     hosts = list(dict.fromkeys(host for pair in service.pairs for host in pair))
-    kept = KeysJob()
-    facts = known_facts(context, NAME, hosts, kept, request)
+    job = KeysJob()
+    facts = known_facts(context, NAME, hosts, job, request)
     with ending(folder, facts, result.complete, context.options.report) as ended:
         with (
             running_network(context, facts) as network,
@@ -94,9 +94,9 @@ def run(request: KeysRequest, signals: Signals, console: Console) -> int:
             managers = start_key_managers(network, service)
             introduce(console, managers)
             noted = time_series_of(network, managers.programs, console)
-            kept.time_series = noted.all
+            job.time_series = noted.all
             watch(network, noted, eve, waits, request.seconds)
-            kept.asking = summary = time_series.summary(noted.all, noted.now_s)
+            job.asking = summary = time_series.summary(noted.all, noted.now_s)
         facts.delivered = summary.keys > 0
     result.show(console, facts, folder, ended.report)
     return 0 if facts.delivered else 1

@@ -40,7 +40,7 @@ class StoredKeys:
         except MissingKey as error:
             raise unavailable(str(error)) from error
 
-    async def taken_by_id(self, host: str, wanted: Sequence[UUID]) -> list[bytes]:
+    async def taken_by_id(self, host: str, key_ids: Sequence[UUID]) -> list[bytes]:
         """Return stored keys that the other end has taken; of the newest session they may be late.
 
         Raise Refused if they do not come.
@@ -48,7 +48,7 @@ class StoredKeys:
         deadline = now_s() + STORING_TIMEOUT_S
         while True:
             try:
-                return await asyncio.to_thread(self.stores[host].take_all, wanted)
+                return await asyncio.to_thread(self.stores[host].take_all, key_ids)
             except MissingKey as error:
                 if now_s() > deadline:
                     raise unavailable(str(error)) from error

@@ -17,10 +17,10 @@ from wire.results.run_result import NetqasmJob
 
 
 def planned(
-    network: Network, description: NetworkDescription, given: Mapping[str, Any], folder: Path
+    network: Network, description: NetworkDescription, parameters: Mapping[str, Any], folder: Path
 ) -> Planned:
     """Return the application with these options; raise BadInput for what cannot be."""
-    options = dict(given)
+    options = dict(parameters)
     if "path" not in options:
         raise BadInput("netqasm: say which application: path='my-app'")
     path, of_network = Path(options.pop("path")), description.options

@@ -151,12 +151,12 @@ class Application:
         if use == Use.KEEP and not self._can_keep(request):
             raise _refused(f"{request.pairs} pairs to keep, and not as many qubits are named")
         remote_socket = self._sockets[request.node, request.socket]
-        asked = PairRequest(
+        pair_request = PairRequest(
             self._pair_service.node, request.socket, remote_socket, request.pairs, use, theirs
         )
         remote = self._nodes[request.node]
         while request.left:
-            rest = replace(asked, pairs=request.left)
+            rest = replace(pair_request, pairs=request.left)
             halves = request.add(await self._pair_service.create(rest, remote, self._qubits))
             if use == Use.KEEP:
                 self._keep(halves)

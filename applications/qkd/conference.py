@@ -175,8 +175,8 @@ class Leader:
         tested = kept & (kinds == TEST_Z)
         for host, row in enumerate(reported):
             wrong = int(np.count_nonzero(row[tested] != own[tested]))
-            found = Estimate(wrong, int(np.count_nonzero(tested)))
-            self.in_z[host] = self.in_z[host].beside(found)
+            estimate = Estimate(wrong, int(np.count_nonzero(tested)))
+            self.in_z[host] = self.in_z[host].beside(estimate)
         self._parts.append(own[kept & (kinds == KEY)])
         self.states += int(np.count_nonzero(kept))
         return kept

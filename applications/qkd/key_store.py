@@ -89,8 +89,8 @@ class KeyStore:
         """How many of them the other end hands out first."""
         return len(key_files.names(self._second))
 
-    def has(self, wanted: UUID | str) -> bool:
-        return any((folder / str(wanted)).exists() for folder in (self._first, self._second))
+    def has(self, key_id: UUID | str) -> bool:
+        return any((folder / str(key_id)).exists() for folder in (self._first, self._second))
 
     def put(self, stored: StoredKey, *, first: bool) -> None:
         """Add a key, on disk when this returns; StoreFull or DuplicateKey changes nothing."""
@@ -132,16 +132,16 @@ class KeyStore:
             raise DuplicateKey(f"{len(keys)} keys have {len(by_name)} ids")
         return by_name
 
-    def take(self, wanted: UUID) -> bytes:
+    def take(self, key_id: UUID) -> bytes:
         """Hand out a key that the other end handed out first; MissingKey if it is not here."""
-        return key_files.remove(self._second, str(wanted))
+        return key_files.remove(self._second, str(key_id))
 
-    def take_all(self, wanted: Sequence[UUID]) -> list[bytes]:
+    def take_all(self, key_ids: Sequence[UUID]) -> list[bytes]:
         """Hand out keys that the other end handed out first; MissingKey if one is not here.
 
         Then none goes unless another process took some meanwhile.
         """
-        names = [str(each) for each in wanted]
+        names = [str(each) for each in key_ids]
         for name in names:
             if not (self._second / name).exists():
                 raise MissingKey(f"key {name} is not in the store, or was handed out already")

@@ -146,12 +146,12 @@ def _arbitrary(numbers: Numbers) -> Arbitrary:
 
 
 def _angle(text: str) -> float | None:
-    found = OF_PI.fullmatch(text)
+    match = OF_PI.fullmatch(text)
     try:
-        if found is None:
+        if match is None:
             angle = float(text)
         else:
-            sign, factor, part = found.groups()
+            sign, factor, part = match.groups()
             angle = float(f"{sign}1") * float(factor or 1) * pi / float(part or 1)
     except (ValueError, ZeroDivisionError):
         return None

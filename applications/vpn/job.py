@@ -139,7 +139,7 @@ def use_network(
     network: Network,
     eve: ScheduledEavesdropper,
     context: RunContext,
-    kept: KeysJob,
+    job: KeysJob,
 ) -> None:
     """Make keys, a tunnel of them, and move the file through it; add the outcome."""
     ends = request.sender, request.receiver
@@ -154,7 +154,7 @@ def use_network(
         )
     watched = {host: managers.programs[host] for host in ends}
     noted = time_series_of(network, watched, context.console)
-    kept.time_series = noted.all
+    job.time_series = noted.all
     tunnel = start_tunnel(network, ends, request.rotate, request.lifetime, request.program)
     for host, program in zip(ends, tunnel.programs[:2], strict=True):
         noted.listen(host, program)
@@ -167,7 +167,7 @@ def use_network(
     finally:
         noted.finish()
         network.bring_back(moved.download)
-        kept.asking = counted(noted, moved, file)
+        job.asking = counted(noted, moved, file)
 
 
 def file_of(request: VpnRequest, folder: Path) -> Path:

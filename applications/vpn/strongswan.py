@@ -131,11 +131,11 @@ class StrongSwan:
         return wait_until_it_works(self._connected)
 
     def _connected(self) -> Session:
-        way = socket.socket(socket.AF_UNIX)
-        way.settimeout(COMMAND_TIMEOUT_S)
+        connection = socket.socket(socket.AF_UNIX)
+        connection.settimeout(COMMAND_TIMEOUT_S)
         with self._asking("connect"):
-            way.connect(self.socket)
-        return Session(way)
+            connection.connect(self.socket)
+        return Session(connection)
 
     def _connection(self, key_id: UUID) -> dict[str, Any]:
         """Return what charon has to know of the other end, in the words of swanctl.conf(5)."""

@@ -37,11 +37,11 @@ class TunnelError(Exception):
     """A command of the tunnel has failed; the text has its words."""
 
 
-def command(words: Sequence[str], given: bytes = b"") -> str:
+def command(words: Sequence[str], data: bytes = b"") -> str:
     """Run a command; return what it says, or raise TunnelError."""
     try:
         done = subprocess.run(
-            words, input=given, capture_output=True, check=False, timeout=COMMAND_TIMEOUT_S
+            words, input=data, capture_output=True, check=False, timeout=COMMAND_TIMEOUT_S
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise TunnelError(f"{' '.join(words)}: {error}") from error

@@ -95,8 +95,8 @@ class Journal:
             return {}
         seen, started = note.asked.seen, note.asked.started
         after_ms = {dpid: round((moment - started) * 1000, 4) for dpid, moment in seen.items()}
-        way = switches(session.hops)
-        return {"copies_ms": {self._network.name_of(dpid): after_ms.get(dpid) for dpid in way}}
+        path = switches(session.hops)
+        return {"copies_ms": {self._network.name_of(dpid): after_ms.get(dpid) for dpid in path}}
 
     def drop(self, drop: Drop) -> None:
         self.dropped[drop.cause] += 1

@@ -27,9 +27,7 @@ class Watch:
 
     between: tuple[str, str]
     over: frozenset[str] = frozenset()  # switches whose fibre is to be on the way; empty: any way
-    every_s: float = (
-        10.0  # of the network, from the end of one monitor to the beginning of the next
-    )
+    every_s: float = 10.0  # of the network, from the end of one monitor to the next
     pairs: int = 2000  # to compare
     rate_hz: int = 100_000
     whole_error: float = 0.01  # part of the pairs that differ without an intruder, at most

@@ -30,7 +30,6 @@ MOST_UNWRITTEN = 1_000
 
 class EventCapture:
     def __init__(self, file: IO[bytes], fibers: Sequence[Fiber]) -> None:
-        """Write the file's header."""
         names = [ELSEWHERE, *(fiber_name(fiber) for fiber in fibers)]
         self._file = file
         self._writer = Writer(file, [Interface(name, LINKTYPE_USER0) for name in names])

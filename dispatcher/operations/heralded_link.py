@@ -19,7 +19,7 @@ from dispatcher.approximations import (
 from dispatcher.devices.heralding import Arm, Heralds, single_click, two_click
 from dispatcher.devices.overlap import Overlap, Spectrum, overlap
 from dispatcher.layer.ownership import BlockName
-from dispatcher.operations.station_path import StationWay
+from dispatcher.operations.station_path import StationPath
 from wire.config import FiberEnd
 from wire.parameters.physics import Device, Emitter
 
@@ -38,7 +38,7 @@ class Link:
     """The properties of a heralded pair before anything is drawn."""
 
     devices: tuple[Device, Device]  # of the hosts of halves 0 and 1
-    paths: tuple[StationWay, StationWay]
+    paths: tuple[StationPath, StationPath]
     station: Device
     start_ns: int  # when the first attempt begins
     cutoff_ns: float = float("inf")  # a pair with an older half is dropped and made again

@@ -26,7 +26,7 @@ from dispatcher.layer.ownership import HALVES, Block, BlockName
 from dispatcher.operations import limits
 from dispatcher.operations.heralded_link import Link, Offer
 from dispatcher.operations.heralds import Drawing, Heralded
-from dispatcher.operations.station_path import StationWay, find_path
+from dispatcher.operations.station_path import StationPath, find_path
 from dispatcher.refusal import Refusal, exhausted, invalid, precondition
 from wire.dispatcher_pb2 import AttemptRequest, BellOutcomes
 from wire.features import HERALD
@@ -39,7 +39,7 @@ NEVER_NS = 1 << 63  # so far no clock gets
 BITS = np.array([[0, 0] if kind == ENTANGLED else [*map(int, kind)] for kind in KINDS], np.uint8)
 
 Offers = tuple[Offer, Offer]  # of halves 0 and 1
-Paths = tuple[StationWay, StationWay]
+Paths = tuple[StationPath, StationPath]
 
 
 class Heralding:
@@ -117,7 +117,7 @@ class Heralding:
             attempts=used * link.modes,
         )
 
-    def _path(self, node: str, offer: Offer, port: str) -> StationWay:
+    def _path(self, node: str, offer: Offer, port: str) -> StationPath:
         """Return the way of the light of who attempts; refuse one that ends elsewhere by now."""
         path = find_path(self._layer, offer.end, offer.frequency_mhz)
         if (path.end.node, path.end.port) != (node, port):
@@ -201,12 +201,12 @@ class Heralding:
                 layer.sabot.lose(block.register, np.ones(1, bool))
                 self._hold(node, block, offer, path)
 
-    def _hold(self, node: str, block: Block, offer: Offer, path: StationWay) -> None:
+    def _hold(self, node: str, block: Block, offer: Offer, path: StationPath) -> None:
         block.heard_ns = self._news_ns(node, path, block.node)
         self._layer.memories.store(block, offer.cutoff_s)
         self._tell(block)
 
-    def _news_ns(self, node: str, path: StationWay, host: str) -> int:
+    def _news_ns(self, node: str, path: StationPath, host: str) -> int:
         """Return when a host can hear of what a node has just found: by light, or copper."""
         layer = self._layer
         part = layer.network.analysers.get(node)

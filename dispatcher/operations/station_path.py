@@ -33,7 +33,7 @@ FLIPS_BIT = np.uint8(1)
 
 
 @dataclass(frozen=True)
-class StationWay:
+class StationPath:
     """The fibres and switches between a host and a station, as they are when it begins."""
 
     lines: tuple[Line, ...]
@@ -84,11 +84,11 @@ class Met:
     approximations: Approximations = EXACT
 
 
-def find_path(layer: PhysicalLayer, start: FiberEnd, frequency_mhz: int) -> StationWay:
+def find_path(layer: PhysicalLayer, start: FiberEnd, frequency_mhz: int) -> StationPath:
     """Return the way on which light leaves a port just now; refuse if it ends in the dark."""
     steps = list(path_of(layer, start, frequency_mhz))
     if steps and steps[-1].line.far.node not in layer.network.switches:
-        return StationWay(
+        return StationPath(
             tuple(step.line for step in steps),
             tuple(step.crossing for step in steps if step.crossing is not None),
             steps[-1].delay_ps,
@@ -116,7 +116,7 @@ def _noise_photons(steps: Sequence[Step]) -> float:
 
 class Follower:
     def __init__(
-        self, layer: PhysicalLayer, path: StationWay, source: PairSource, phase_only: bool
+        self, layer: PhysicalLayer, path: StationPath, source: PairSource, phase_only: bool
     ) -> None:
         """Follow light of such qubits; phase_only: a photon or none, with a phase."""
         self._layer, self._path, self._phase_only = layer, path, phase_only

@@ -30,10 +30,10 @@ def wait_for_line(network: Network, program: "subprocess.Popen[str]", line: str)
 
 def sent_count(output: str) -> int:
     """Return the number that an attacker's program has printed; raise NetworkError if none."""
-    found = re.search(r"count=(\d+)", output)
-    if found is None:
+    match = re.search(r"count=(\d+)", output)
+    if match is None:
         raise NetworkError(f"{ATTACKER}'s program has failed: {output.strip()[-300:]}")
-    return int(found[1])
+    return int(match[1])
 
 
 def settled(network: Network, count: Callable[[], int]) -> int:

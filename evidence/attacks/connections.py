@@ -62,10 +62,10 @@ def session(network: Network) -> Iterator[None]:
 def opener_port(network: Network) -> int:
     words = f"ss -Htn state established dst {network.host(VICTIM).IP()} dport = :{METADATA_PORT}"
     output = network.host(POSED).cmd(words)
-    found = re.search(r"\d:(\d+)\s", output)
-    if found is None:
+    match = re.search(r"\d:(\d+)\s", output)
+    if match is None:
         raise NetworkError(f"{POSED} has no connection to {VICTIM}: {output.strip()}")
-    return int(found[1])
+    return int(match[1])
 
 
 def lldp_spoofing(network: Network, announcements: int) -> int:
@@ -90,10 +90,10 @@ def replay(network: Network, frames: int) -> int:
 def recorded(network: Network, port: str) -> str:
     with network.host(VICTIM).popen([*FRAMES, "record", port], text=True) as program:
         output, errors = program.communicate(timeout=ATTACK_TIMEOUT_S)
-    found = re.search(r"frame=([0-9a-f]+)", output)
-    if found is None:
+    match = re.search(r"frame=([0-9a-f]+)", output)
+    if match is None:
         raise NetworkError(f"{VICTIM} announces nothing at {port}: {output}{errors}")
-    return found[1]
+    return match[1]
 
 
 def fibers_of(network: Network, host: str) -> list[str]:

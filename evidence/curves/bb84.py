@@ -24,7 +24,7 @@ from dispatcher.sabot.backend import Bytes
 from evidence.curves import theory
 from evidence.curves.estimates import Estimate, of_counts, proportion
 from evidence.curves.experiment import Outcome
-from evidence.curves.link import TESTED, Way, blocks, fiber, network
+from evidence.curves.link import TESTED, Ports, blocks, fiber, network
 from evidence.curves.parameters import Point
 from evidence.laboratory import Laboratory, LaboratoryHost
 from wire.outcomes import NO_CLICK
@@ -98,7 +98,7 @@ async def exchange(
     pulses: float,
     random: np.random.Generator,
     shares: Sequence[float] = (),
-    path: Way = TESTED,
+    path: Ports = TESTED,
     forward: Forward | None = None,
     listen: Listen | None = None,
 ) -> Exchange:
@@ -244,9 +244,9 @@ def devices(decoys: Decoys) -> dict[str, Device]:
 def decoy_key(decoys: Decoys, counts: Counts, pulses: int) -> Estimate:
     """Return the secret bits of a pulse of endless keys; its error is propagated count by count."""
 
-    def rate(given: NDArray[Any]) -> float:
-        sifted = Sifted(given[X].sum(axis=0), given[1 - X].sum(axis=0), given[1 - X][1])
-        leak = CORRECTION * sifted.key.sum() * binary_entropy(given[X][1].sum() / sifted.key.sum())
+    def rate(array: NDArray[Any]) -> float:
+        sifted = Sifted(array[X].sum(axis=0), array[1 - X].sum(axis=0), array[1 - X][1])
+        leak = CORRECTION * sifted.key.sum() * binary_entropy(array[X][1].sum() / sifted.key.sum())
         return max(0.0, float(bounds(decoys, sifted, None).secret - leak)) / pulses
 
     return of_counts(rate, counts)
@@ -282,7 +282,7 @@ async def spied(v: Point, seed: int) -> tuple[Exchange, Counts]:
     """Send pulses past eve; return the counts, and of the sifted those that eve knows, by basis."""
     laboratory, random = scene(v, seed), np.random.default_rng(seed)
     eve, known = laboratory.host("eve"), np.zeros(2, np.int64)
-    splits = attacks.Way(v.loss_db) if v["eve"] == "on" else None
+    splits = attacks.PathLosses(v.loss_db) if v["eve"] == "on" else None
 
     async def forward(number: int) -> None:
         await eve.receive((number, 0), TO_EVE[1])
@@ -303,11 +303,11 @@ async def spied(v: Point, seed: int) -> tuple[Exchange, Counts]:
 
 
 async def split(
-    eve: LaboratoryHost, block: int, way: attacks.Way, random: np.random.Generator
+    eve: LaboratoryHost, block: int, losses: attacks.PathLosses, random: np.random.Generator
 ) -> None:
     light = (block, 0)
     photons: Bytes = await eve.split(light, (block | KEPT, 0))
-    shares = np.array(way.sent_on(np.bincount(photons).tolist()))
+    shares = np.array(losses.sent_on(np.bincount(photons).tolist()))
     chances = shares[(photons >= attacks.SEVERAL).astype(int)]
     back = np.flatnonzero((photons > 0) & (random.random(photons.size) >= chances))
     if back.size:

@@ -109,16 +109,16 @@ def in_networks(runs: Path, at_once: int, check: Callable[[], None]) -> Measurer
 
 
 def _as_they_come(
-    rows: "SimpleQueue[Row]", asked: Sequence[Future[None]], check: Callable[[], None]
+    rows: "SimpleQueue[Row]", futures: Sequence[Future[None]], check: Callable[[], None]
 ) -> Iterator[Row]:
     """Yield rows until all is done; raise as soon as a network has failed."""
     while True:
         check()
-        ended = [future for future in asked if future.done()]
+        ended = [future for future in futures if future.done()]
         try:
-            yield rows.get(timeout=0 if len(ended) == len(asked) else SWEEP_POLL_S)
+            yield rows.get(timeout=0 if len(ended) == len(futures) else SWEEP_POLL_S)
         except Empty:
             for future in ended:
                 future.result()
-            if len(ended) == len(asked):
+            if len(ended) == len(futures):
                 return

@@ -17,17 +17,17 @@ KEYS = "what", "run", "theory", "link", "parameters", "measures", "logarithmic"
 _DECLARED = tomllib.loads(Path(__file__).with_name("experiments.toml").read_text())
 
 
-def _experiment(name: str, given: Mapping[str, Any]) -> Experiment:
-    check_names(f"experiment {name}", given, KEYS, BadGrid)
-    parameters = [declared(*each) for each in given["parameters"].items()]
-    is_link, logarithmic = "link" in given, given.get("logarithmic", ())
+def _experiment(name: str, content: Mapping[str, Any]) -> Experiment:
+    check_names(f"experiment {name}", content, KEYS, BadGrid)
+    parameters = [declared(*each) for each in content["parameters"].items()]
+    is_link, logarithmic = "link" in content, content.get("logarithmic", ())
     return Experiment(
         name,
-        given["what"],
+        content["what"],
         (*(link.LINK if is_link else ()), *parameters),
         tuple(
             Measure(each, label, partial(_expected, name, each), each in logarithmic)
-            for each, label in given["measures"].items()
+            for each, label in content["measures"].items()
         ),
         link.implied if is_link else lambda _given: {},
     )

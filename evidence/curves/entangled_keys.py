@@ -179,16 +179,16 @@ async def pair_keys(v: Point, seed: int) -> Outcome:
     return key_of(v, found)
 
 
-def key_of(v: Point, found: Comparison) -> Outcome:
+def key_of(v: Point, comparison: Comparison) -> Outcome:
     """Return what was measured, and the key of it: none if there is a test and it fails."""
-    gain, qber = proportion(found.both, found.pairs), found.qber
-    fails = v["protocol"] == "e91" and not found.bell.s > LOCAL
+    gain, qber = proportion(comparison.both, comparison.pairs), comparison.qber
+    fails = v["protocol"] == "e91" and not comparison.bell.s > LOCAL
     kept = 0.0 if fails else gain.value * (1 - _tested(v)) / 2
     rate = kept * asymptotic_fraction(qber.value)
     by_qber = rate - kept * asymptotic_fraction(qber.value + qber.error)
     error = math.hypot(rate * gain.error / gain.value if gain.value else 0.0, by_qber)
-    key = Estimate(rate, max(error, 1 / found.pairs))
-    chsh = NOTHING if v["protocol"] == "bbm92" else found.s
+    key = Estimate(rate, max(error, 1 / comparison.pairs))
+    chsh = NOTHING if v["protocol"] == "bbm92" else comparison.s
     return {"gain": gain, "qber": qber, "key": key, "chsh": chsh}
 
 

@@ -69,9 +69,9 @@ class Experiment:
     def measure(self, name: str) -> Measure:
         return next(measure for measure in self.measures if measure.name == name)
 
-    def complete(self, given: Values) -> Point:
+    def complete(self, values: Values) -> Point:
         defaults = {parameter.name: parameter.default for parameter in self.parameters}
-        return Point({**defaults, **self.implied(given), **given})
+        return Point({**defaults, **self.implied(values), **values})
 
     def place(self, values: Values) -> str:
         """Name a point by the parameters that are not at their defaults."""

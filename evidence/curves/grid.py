@@ -43,9 +43,9 @@ Row = tuple[Values, Outcome]
 Measurer = Callable[[Grid, Sequence[Values], int], Iterator[Row]]
 
 
-def build(experiment: Experiment, given: Mapping[str, object]) -> Grid:
+def build(experiment: Experiment, content: Mapping[str, object]) -> Grid:
     """Return the grid that texts, numbers, lists or tables describe; raise BadGrid."""
-    axes = {name: experiment.parameter(name).axis(text) for name, text in given.items()}
+    axes = {name: experiment.parameter(name).axis(text) for name, text in content.items()}
     grid = Grid(experiment, axes)
     if grid.size > MAX_POINTS:
         sizes = " x ".join(f"{len(axis)} {name}" for name, axis in axes.items())

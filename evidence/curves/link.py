@@ -22,7 +22,7 @@ from wire.dispatcher_pb2 import MeasureRequest
 from wire.parameters.fiber import Fiber, FiberEnd, FiberOptics, optics
 from wire.parameters.physics import BellAnalyser, Detectors, Device, PairSource
 
-Way = tuple[str, str]  # the ports of a fibre
+Ports = tuple[str, str]  # the ports of a fibre
 Ends = Sequence[tuple[LaboratoryHost, BlockKey]]
 
 TESTED, PLAIN = ("alice-q0", "bob-q0"), ("alice-q1", "bob-q1")
@@ -106,12 +106,12 @@ def blocks(pairs: float) -> Iterator[tuple[int, int]]:
 
 
 async def share(
-    giver: LaboratoryHost, taker: LaboratoryHost, pairs: int, block: int, way: Way = TESTED
+    giver: LaboratoryHost, taker: LaboratoryHost, pairs: int, block: int, ports: Ports = TESTED
 ) -> None:
     """Make pairs, and send half 1 of each to the other host."""
     await giver.create(pairs, block)
-    await giver.send({(block, 1): way[0]})
-    await taker.receive((block, 1), way[1])
+    await giver.send({(block, 1): ports[0]})
+    await taker.receive((block, 1), ports[1])
 
 
 async def measured(

@@ -95,13 +95,13 @@ class Line:
         return [kept.block for kept, *_others in ends]
 
     async def measure(
-        self, kept: Sequence[BlockKey], bases: NDArray[np.uint8]
+        self, keys: Sequence[BlockKey], bases: NDArray[np.uint8]
     ) -> NDArray[np.uint8]:
         """Return outcomes of each host in its bases; both of shape (hosts, states)."""
         return np.vstack(
             [
                 await host.measure(name, bases=own)
-                for host, name, own in zip(self.hosts, kept, bases, strict=True)
+                for host, name, own in zip(self.hosts, keys, bases, strict=True)
             ]
         )
 
@@ -113,9 +113,9 @@ class End(NamedTuple):
     far: int
 
 
-async def joined(host: LaboratoryHost, kept: BlockKey, other: BlockKey) -> Bytes:
+async def joined(host: LaboratoryHost, key: BlockKey, other: BlockKey) -> Bytes:
     """Fuse two halves at a host by a CX; return what the other one is measured to be."""
-    await host.apply(kept, gates=[Gate(name=Gate.CX, target=block_id(other))])
+    await host.apply(key, gates=[Gate(name=Gate.CX, target=block_id(other))])
     return await host.measure(other)
 
 

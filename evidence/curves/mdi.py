@@ -147,27 +147,27 @@ def decoy_key(decoys: Decoys, counts: Counts, pulses: int) -> Estimate:
     """
     share = decoys.shares[0] * decoys.means[0] * math.exp(-decoys.means[0]) / decoys.photons(1)
 
-    def rate(given: NDArray[Any]) -> float:
-        tested = PairSifted(given[Z].sum(axis=0), given[X].sum(axis=0), given[X, 1])
+    def rate(array: NDArray[Any]) -> float:
+        tested = PairSifted(array[Z].sum(axis=0), array[X].sum(axis=0), array[X, 1])
         secret = bounds((decoys, decoys), tested, None).secret * share**2
-        return float(secret - leaked(given[Z, :, 0, 0])) / pulses
+        return float(secret - leaked(array[Z, :, 0, 0])) / pulses
 
-    found = of_counts(rate, counts)
-    return replace(found, value=max(0.0, found.value))
+    figures = of_counts(rate, counts)
+    return replace(figures, value=max(0.0, figures.value))
 
 
 def single_key(counts: Counts, sent: int) -> Estimate:
     """Return the secret bits of a pair of pulses in Z; its error is propagated."""
 
-    def rate(given: NDArray[Any]) -> float:
-        single = given[:, :, 1]
+    def rate(array: NDArray[Any]) -> float:
+        single = array[:, :, 1]
         if not single[Z].sum() or not single[X].sum():
             return 0.0
         secret = single[Z].sum() * (1 - binary_entropy(single[X, 1] / single[X].sum()))
-        return float(secret - leaked(given[Z].sum(axis=1))) / sent
+        return float(secret - leaked(array[Z].sum(axis=1))) / sent
 
-    found = of_counts(rate, counts)
-    return replace(found, value=max(0.0, found.value))
+    figures = of_counts(rate, counts)
+    return replace(figures, value=max(0.0, figures.value))
 
 
 def leaked(announced: NDArray[Any]) -> Any:

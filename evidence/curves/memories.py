@@ -182,9 +182,9 @@ async def heralded(
     laboratory: Laboratory, count: int, block: int
 ) -> tuple[BellOutcomes, float, Ends]:
     """Herald pairs of alice and bob, who emit until there are as many; also return how long."""
-    found, took_s = await laboratory.heralded("q1", PORTS, count, block, timeout_s=MAX_S)
+    heralds, took_s = await laboratory.heralded("q1", PORTS, count, block, timeout_s=MAX_S)
     ends = [(laboratory.host(name), (block, half)) for half, name in enumerate(PORTS)]
-    return found, took_s, ends
+    return heralds, took_s, ends
 
 
 def _heralds(v: Point) -> tuple[float, float]:
@@ -214,10 +214,10 @@ async def cutoff(v: Point, seed: int) -> Outcome:
     )
     attempts, right = [], 0
     for block in range(int(v.pairs) // BOTH):
-        found, _took_s, ends = await heralded(laboratory, BOTH, block)
-        attempts.append(found.attempts)
+        heralds, _took_s, ends = await heralded(laboratory, BOTH, block)
+        attempts.append(heralds.attempts)
         mine, yours = await measured(ends, MeasureRequest.X)
-        right += int((mine[0] ^ yours[0]) == (found.outcomes[0] == PSI_MINUS))
+        right += int((mine[0] ^ yours[0]) == (heralds.outcomes[0] == PSI_MINUS))
     mean = float(np.mean(attempts))
     error = float(np.std(attempts, ddof=1)) / math.sqrt(len(attempts))
     rate = 1 / (mean * _attempt_s())

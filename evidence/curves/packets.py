@@ -72,18 +72,18 @@ def addresses(number: int) -> tuple[str, str]:
     return f"10.1.{number >> 8}.{number & 0xFF}", f"10.2.{number >> 8}.{number & 0xFF}"
 
 
-def application_of(asked: Asked) -> int:
-    return int(IPv4Address(asked.opener)) & 0xFFFF
+def application_of(demand: Asked) -> int:
+    return int(IPv4Address(demand.opener)) & 0xFFFF
 
 
 def graph_of(read: Map) -> "networkx.Graph[str]":
-    return networkx.Graph([(way.one, way.other) for way in read.ways])
+    return networkx.Graph([(link.one, link.other) for link in read.links])
 
 
 def tree_of(read: Map, centre: str) -> Map:
-    """Return the map with the ways that lead soonest to its centre: one for any two places."""
+    """Return the map with the links that lead soonest to its centre: one for any two places."""
     kept = {frozenset(ends) for ends in networkx.bfs_tree(graph_of(read), centre).edges()}
-    return replace(read, ways=[way for way in read.ways if {way.one, way.other} in kept])
+    return replace(read, links=[link for link in read.links if {link.one, link.other} in kept])
 
 
 def drawn(read: Map, pairs: Pairs, count: int, seed: int) -> list[Application]:

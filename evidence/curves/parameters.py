@@ -82,41 +82,41 @@ class Parameter:
         number = f"{value:g}" if isinstance(value, float) else f"{value}"
         return f"{self.words} {number} {self.unit}".rstrip()
 
-    def value(self, given: object) -> Value:
+    def value(self, content: object) -> Value:
         """Return a value of the right type; raise BadGrid for one that cannot be."""
-        if self.text and isinstance(given, str):
-            return given
+        if self.text and isinstance(content, str):
+            return content
         if self.choices:
-            if given not in self.choices:
-                raise self._bad(given)
-            return str(given)
-        if isinstance(given, bool) or not isinstance(given, (int, float, str)):
-            raise self._bad(given)
+            if content not in self.choices:
+                raise self._bad(content)
+            return str(content)
+        if isinstance(content, bool) or not isinstance(content, (int, float, str)):
+            raise self._bad(content)
         try:
-            number = quantity(self.unit, str(given), float)
+            number = quantity(self.unit, str(content), float)
         except ValueError:
-            raise self._bad(given) from None
+            raise self._bad(content) from None
         if not self.least <= number <= self.most or (self.whole and not number.is_integer()):
-            raise self._bad(given)
+            raise self._bad(content)
         return int(number) if self.whole else number
 
-    def axis(self, given: object) -> list[Value]:
+    def axis(self, value: object) -> list[Value]:
         """Return the values that text, a number, a list or a table asks for, each once."""
-        values = [self.value(each) for each in self._spread(given)]
+        values = [self.value(each) for each in self._spread(value)]
         if not values:
             raise BadGrid(f"{self.name} has no value: {self.range}")
         return list(dict.fromkeys(values))
 
-    def _spread(self, given: object) -> list[Any]:
-        if isinstance(given, list):
-            return given
-        if isinstance(given, dict):
-            return self._spaced_by_table(given)
-        if not isinstance(given, str) or (self.choices and ":" not in given and "," not in given):
-            return [given]
-        if ":" in given and not self.choices and not self.text:
-            return self._spaced(given)
-        return given.split(",")
+    def _spread(self, value: object) -> list[Any]:
+        if isinstance(value, list):
+            return value
+        if isinstance(value, dict):
+            return self._spaced_by_table(value)
+        if not isinstance(value, str) or (self.choices and ":" not in value and "," not in value):
+            return [value]
+        if ":" in value and not self.choices and not self.text:
+            return self._spaced(value)
+        return value.split(",")
 
     def _spaced_by_table(self, table: dict[str, Any]) -> list[float]:
         keys = {"from", "to", "points", "log"}
@@ -144,28 +144,28 @@ class Parameter:
         # .3 as typed shall not become .30000000000000004.
         return [float(f"{number:.12g}") for number in spaced]
 
-    def _bad(self, given: object) -> BadGrid:
-        text = given if isinstance(given, str) else ""
+    def _bad(self, value: object) -> BadGrid:
+        text = value if isinstance(value, str) else ""
         between = RANGE.fullmatch(text)
         remedy = f": write {between[1]}:{between[2]}:11" if between else share(text)
         numbers = not self.choices and not self.text and not self.whole
-        return BadGrid(f"{self.name} {given!r}: {self.range}{remedy if numbers else ''}")
+        return BadGrid(f"{self.name} {value!r}: {self.range}{remedy if numbers else ''}")
 
 
-def declared(name: str, given: Any) -> Parameter:
+def declared(name: str, value: Any) -> Parameter:
     """Return a parameter as experiments.toml has it.
 
     A number is the default from 0 to 1; a list has default, least, most, and a unit that the name
     does not say. A list of texts has the choices, the default first; a table has other fields.
     """
-    if isinstance(given, dict):
-        choices = tuple(given.get("choices", ()))
-        return Parameter(name, given["default"], choices=choices, text=given.get("text", ""))
-    if not isinstance(given, list):
-        return Parameter(name, given, unit=unit_of(name))
-    if isinstance(given[0], str):
-        return Parameter(name, given[0], choices=tuple(given))
-    return Parameter(name, *given[:3], *given[3:] or [unit_of(name)])
+    if isinstance(value, dict):
+        choices = tuple(value.get("choices", ()))
+        return Parameter(name, value["default"], choices=choices, text=value.get("text", ""))
+    if not isinstance(value, list):
+        return Parameter(name, value, unit=unit_of(name))
+    if isinstance(value[0], str):
+        return Parameter(name, value[0], choices=tuple(value))
+    return Parameter(name, *value[:3], *value[3:] or [unit_of(name)])
 
 
 def of_dataclass(prefix: str, device: Any) -> list[Parameter]:

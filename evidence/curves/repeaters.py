@@ -214,8 +214,8 @@ async def purification(v: Point, seed: int) -> Outcome:
 
     seen, read = await fidelity(purified_link), (1 - 2 * misread) ** 2
     # Two readings spoil each correlation.
-    found = Estimate(1 / 4 + (seen.value - 1 / 4) / read, seen.error / read)
-    return {"fidelity": found, "success": proportion(kept, made * len(BASES) // PHOTONS)}
+    estimate = Estimate(1 / 4 + (seen.value - 1 / 4) / read, seen.error / read)
+    return {"fidelity": estimate, "success": proportion(kept, made * len(BASES) // PHOTONS)}
 
 
 def of_purification(v: Point) -> Theory:

@@ -36,9 +36,9 @@ def network_of(read: Map, way_fibers: int = WAY_FIBERS) -> tuple[Network, dict[s
         for port in range(1, HOST_FIBERS + 1):
             host = HostPort(name, address(dpid), f"{name}-q{port - 1}")
             network.attach(SwitchPort(dpid, port), host)
-    for way in read.ways:
+    for link in read.links:
         for _ in range(way_fibers):
-            one, other = switches[way.one], switches[way.other]
+            one, other = switches[link.one], switches[link.other]
             network.add_link(SwitchPort(one, free[one]), SwitchPort(other, free[other]))
             free[one], free[other] = free[one] + 1, free[other] + 1
     return network, switches
@@ -50,11 +50,11 @@ def address(dpid: int) -> str:
 
 def away(read: Map, switches: dict[str, int]) -> dict[str | int, float]:
     """Return how long a message takes between the controller and each host or switch."""
-    ways: Distances = {place.name: {} for place in read.places}
-    for way in read.ways:
-        for one, other in ((way.one, way.other), (way.other, way.one)):
-            ways[one][other] = min(way.length_km, ways[one].get(other, way.length_km))
-    far_km = shortest(ways, str(centre(ways, list(ways))))
+    distances: Distances = {place.name: {} for place in read.places}
+    for link in read.links:
+        for one, other in ((link.one, link.other), (link.other, link.one)):
+            distances[one][other] = min(link.length_km, distances[one].get(other, link.length_km))
+    far_km = shortest(distances, str(centre(distances, list(distances))))
     found: dict[str | int, float] = {}
     for name, dpid in switches.items():
         found[dpid] = found[address(dpid)] = far_km.get(name, 0.0) * 1e3 / SPEED_IN_FIBER_M_PER_S

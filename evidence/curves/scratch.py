@@ -23,8 +23,8 @@ def remove_left() -> None:
     for folder in Path(gettempdir()).glob(f"{prefix()}*"):
         owner = folder.name.removeprefix(prefix()).rpartition("-")[0]
         with suppress(FileNotFoundError):  # another sweep removes it, too
-            found = folder.lstat()
-            if gone(owner) and stat.S_ISDIR(found.st_mode) and found.st_uid == geteuid():
+            status = folder.lstat()
+            if gone(owner) and stat.S_ISDIR(status.st_mode) and status.st_uid == geteuid():
                 shutil.rmtree(folder)
 
 

@@ -131,21 +131,21 @@ def read(path: Path) -> tuple[Sheet, ...]:
     return tuple(map(_sheet, tomllib.loads(path.read_text())["sheet"]))
 
 
-def _sheet(given: Mapping[str, Any]) -> Sheet:
-    name = given["name"]
-    check_names(f"sheet {name}", given, (*OF_SHEETS, *OF_CURVES), BadGrid)
-    common = {key: value for key, value in given.items() if key not in OF_SHEETS}
-    curves = [_curve({"file": name, **common, **own}, given["grid"]) for own in given["curves"]]
-    return Sheet(name, given.get("experiment", name), given["grid"], curves)
+def _sheet(content: Mapping[str, Any]) -> Sheet:
+    name = content["name"]
+    check_names(f"sheet {name}", content, (*OF_SHEETS, *OF_CURVES), BadGrid)
+    common = {key: value for key, value in content.items() if key not in OF_SHEETS}
+    curves = [_curve({"file": name, **common, **own}, content["grid"]) for own in content["curves"]]
+    return Sheet(name, content.get("experiment", name), content["grid"], curves)
 
 
-def _curve(given: dict[str, Any], grid: Mapping[str, Any]) -> Curve:
-    check_names(f"curve {given['file']}", given, OF_CURVES, BadGrid)
-    marks = given.pop("marks", {})
-    levels = [(value, label) for value, label in given.pop("levels", ())]
-    lines = sensing(grid["hosts"], grid["states"]) if given.pop("limits", "") else ()
+def _curve(content: dict[str, Any], grid: Mapping[str, Any]) -> Curve:
+    check_names(f"curve {content['file']}", content, OF_CURVES, BadGrid)
+    marks = content.pop("marks", {})
+    levels = [(value, label) for value, label in content.pop("levels", ())]
+    lines = sensing(grid["hosts"], grid["states"]) if content.pop("limits", "") else ()
     drawn = [mark for name, places in marks.items() for mark in MARKS[name](places)]
-    return Curve(**given, marks=drawn, levels=levels, limits=lines)
+    return Curve(**content, marks=drawn, levels=levels, limits=lines)
 
 
 SHEETS = read(Path(__file__).with_suffix(".toml"))

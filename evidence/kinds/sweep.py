@@ -129,8 +129,8 @@ def _needed(arguments: argparse.Namespace) -> Needs:
 class Help(argparse.Action):
     """Shows the parameters of the experiment that is named before it; of none, which there are."""
 
-    def __init__(self, option_strings: Sequence[str], dest: str, **given: Any) -> None:
-        super().__init__(option_strings, dest, nargs=0, default=argparse.SUPPRESS, **given)
+    def __init__(self, option_strings: Sequence[str], dest: str, **keywords: Any) -> None:
+        super().__init__(option_strings, dest, nargs=0, default=argparse.SUPPRESS, **keywords)
 
     def __call__(self, parser: Any, namespace: Any, *_words: object) -> None:
         named = str(getattr(namespace, "what", None))
@@ -151,11 +151,11 @@ class Help(argparse.Action):
         parser.exit()
 
 
-def starts_networks(asked: SweepOptions | argparse.Namespace) -> bool:
-    axes = asked.axes if isinstance(asked, SweepOptions) else _axes_of(asked)
-    content = content_of(asked.what)
+def starts_networks(options: SweepOptions | argparse.Namespace) -> bool:
+    axes = options.axes if isinstance(options, SweepOptions) else _axes_of(options)
+    content = content_of(options.what)
     axes = {**content.get("grid", {}), **axes}
-    return is_over_networks(content["sweep"], asked.emulate, axes) and not asked.scheduler
+    return is_over_networks(content["sweep"], options.emulate, axes) and not options.scheduler
 
 
 def content_of(what: str) -> dict[str, Any]:

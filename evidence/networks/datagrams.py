@@ -31,12 +31,12 @@ def main() -> None:
     say_parser.add_argument("--per-s", type=float, required=True)
     say_parser.add_argument("--frame-bytes", type=int, required=True)
     say_parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
-    clock = SteppedTime(folder=asked.folder)
-    if asked.verb == "hear":
+    arguments = parser.parse_args()
+    clock = SteppedTime(folder=arguments.folder)
+    if arguments.verb == "hear":
         hear(clock)
     else:
-        say(clock, asked.address, asked.per_s, asked.frame_bytes, asked.seed)
+        say(clock, arguments.address, arguments.per_s, arguments.frame_bytes, arguments.seed)
 
 
 def hear(clock: SteppedTime) -> None:

@@ -28,11 +28,11 @@ def measured(
 
 
 def main() -> int:
-    asked = json.load(sys.stdin)
-    asked["runs"] = Path(asked["runs"])
+    content = json.load(sys.stdin)
+    content["runs"] = Path(content["runs"])
     try:
         with Signals() as signals:
-            for outcome in measured(**asked, signals=signals):
+            for outcome in measured(**content, signals=signals):
                 line = {name: (each.value, each.error) for name, each in outcome.items()}
                 print(json.dumps(line), flush=True)
     except (SweepError, Interrupted) as error:

@@ -86,9 +86,9 @@ def measures(job: str, axes: Axes) -> tuple[Measure, ...]:
     return tuple(each for each in found if each.name not in axes)
 
 
-def measure(job: str, given: Mapping[str, Any], names: Sequence[str], runs: Path) -> Outcome:
+def measure(job: str, content: Mapping[str, Any], names: Sequence[str], runs: Path) -> Outcome:
     """Do the job with these options in a run of its own."""
-    options = dict(given)
+    options = dict(content)
     words = [str(options.pop(APPLICATION))] if job == NETQASM else []
     if INPUT in options:
         options[INPUT] = str(options[INPUT]).split()

@@ -111,12 +111,12 @@ class CountedTime:
             self._obey(happens(now), now)
         return list(self._fates.values())
 
-    def _ask(self, asked: Asked) -> None:
+    def _ask(self, demand: Asked) -> None:
         number = len(self._fates) + 1
-        self._fates[number] = Fate(asked)
-        self._at(asked.at_s + self._away_s(asked.opener), self._asking(number, asked))
-        if asked.useful_s < inf:
-            self._at(asked.at_s + asked.useful_s, self._given_up(number))
+        self._fates[number] = Fate(demand)
+        self._at(demand.at_s + self._away_s(demand.opener), self._asking(number, demand))
+        if demand.useful_s < inf:
+            self._at(demand.at_s + demand.useful_s, self._given_up(number))
 
     def _given_up(self, number: int) -> Event:
         fate = self._fates[number]
@@ -158,11 +158,11 @@ class CountedTime:
     def _at(self, when_s: float, happens: Event) -> None:
         heappush(self._events, (when_s, next(self._order), happens))
 
-    def _asking(self, number: int, asked: Asked) -> Event:
-        light = asked.service, Handshake.FRAMED, asked.source or asked.opener, 1, 1, 1
-        deadline_ms = round(asked.deadline_s * 1000)
-        setup = Setup(number, *light, priority=asked.priority, deadline_ms=deadline_ms)
-        setup = replace(setup, wavelength_pm=asked.wavelength_pm)
+    def _asking(self, number: int, demand: Asked) -> Event:
+        light = demand.service, Handshake.FRAMED, demand.source or demand.opener, 1, 1, 1
+        deadline_ms = round(demand.deadline_s * 1000)
+        setup = Setup(number, *light, priority=demand.priority, deadline_ms=deadline_ms)
+        setup = replace(setup, wavelength_pm=demand.wavelength_pm)
         return self._saying(number, FIRST_SEQUENCE, PUSH, setup.encode())
 
     def _saying(self, number: int, sequence: int, flags: int, data: bytes = b"") -> Event:

@@ -272,8 +272,8 @@ class Device:
         return self._estimates.take()
 
     def _note_estimates(self, session: Counted, over: bool = False) -> None:
-        found = estimates_of(session.summary, session.counts)
-        self._estimates.note(session.setup.session, found, over)
+        estimates = estimates_of(session.summary, session.counts)
+        self._estimates.note(session.setup.session, estimates, over)
 
     def alarming(self, before: DeviceReport, now: DeviceReport) -> bool:
         """Whether more was lost or wrong between two reports than the subscription puts up with."""

@@ -120,7 +120,6 @@ class LinkMonitors:
 
 
 def _fields(command: MonitorCommand, opener: str) -> dict[str, Any]:
-    """Return the request of a command; the opener is named."""
     return {
         "service": "seal",
         "host": command.acceptor,

@@ -240,10 +240,10 @@ def _below_error(record: logging.LogRecord) -> bool:
     return record.levelno < logging.ERROR
 
 
-def _meant(word: str, known: Collection[str]) -> str:
+def _meant(word: str, names: Collection[str]) -> str:
     """Return what may be meant by a word, as the end of an error; nothing if it is known."""
-    near = remedy(word, known)
-    return f": {near}" if word not in known and near.startswith(NEAR) else ""
+    near = remedy(word, names)
+    return f": {near}" if word not in names and near.startswith(NEAR) else ""
 
 
 def arguments_of(line: str, usage: str, count: int, *default: str) -> list[str]:

@@ -43,8 +43,8 @@ class QuantumCLI(NetworkCLI):
     def do_qiperf(self, line: str) -> None:
         """Send as fast as it goes: pairs/s and bit/s.
         Usage: qiperf alice bob [seconds]"""
-        sender, receiver, given = arguments_of(line, "qiperf SENDER RECEIVER [SECONDS]", 3, "3")
-        seconds = _number(given, "seconds", 0.1, MOST_SECONDS)
+        sender, receiver, arguments = arguments_of(line, "qiperf SENDER RECEIVER [SECONDS]", 3, "3")
+        seconds = _number(arguments, "seconds", 0.1, MOST_SECONDS)
         used = self.network.iperf(sender, receiver, seconds)
         print(cli_tables.rate(sender, receiver, used))
 

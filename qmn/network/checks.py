@@ -73,10 +73,10 @@ def check_address(text: str) -> None:
 def check_module(name: str) -> None:
     """Raise BadInput for a module of --app that is not there."""
     try:
-        found = find_spec(name)
+        spec = find_spec(name)
     except (ImportError, ValueError):
-        found = None  # what it would be a part of is not there
-    if found is None:
+        spec = None  # what it would be a part of is not there
+    if spec is None:
         raise BadInput(f"--app {name}: there is no such module; name one as Python imports it")
 
 

@@ -34,7 +34,7 @@ def short_name(name: str) -> str:
     return name.rpartition(":")[2]
 
 
-def load(name: str, given: Mapping[str, Any]) -> Callable[[], Topo]:
+def load(name: str, options: Mapping[str, Any]) -> Callable[[], Topo]:
     """Return what builds FILE.py:CLASS with these parameters of `build`.
 
     Raise BadTopology for a file, class or parameter that there is not; what is returned raises it
@@ -45,20 +45,20 @@ def load(name: str, given: Mapping[str, Any]) -> Callable[[], Topo]:
         topo_class = load_class("topology", name, "of mininet.topo.Topo", _is_topology)
     except BadConfig as error:
         raise BadTopology(str(error)) from error
-    for option in sorted(given.keys() - _takes(topo_class, given)):
+    for option in sorted(options.keys() - _takes(topo_class, options)):
         of_some = f" or of single fibres (--fiber A-B.{option}=VALUE)," if option in OPTICS else ""
         raise BadTopology(
             f"build of {class_name} takes no {option}; say it in {path},{of_some} or leave it out"
         )
-    return partial(_built, topo_class, name, given)
+    return partial(_built, topo_class, name, options)
 
 
-def _built(topo_class: type[Topo], name: str, given: Mapping[str, Any]) -> Topo:
+def _built(topo_class: type[Topo], name: str, options: Mapping[str, Any]) -> Topo:
     """Return the topology; raise BadTopology, with the user's file and line, if it cannot be."""
     class_name, path = topo_class.__name__, name.rpartition(":")[0]
     file = str(Path(path).absolute()) if path else inspect.getfile(topo_class)
     try:
-        return checked(topo_class)(**given)
+        return checked(topo_class)(**options)
     except BadTopology:
         raise
     except (BadParameter, BadConfig) as error:
@@ -66,21 +66,21 @@ def _built(topo_class: type[Topo], name: str, given: Mapping[str, Any]) -> Topo:
         where = f"{file}, line {line}" if line else name
         raise BadTopology(f"{where}: {error}") from error
     except Exception as error:  # it is another's program, which may raise any
-        whole = _command_that_builds(file, class_name, given)
+        whole = _command_that_builds(file, class_name, options)
         fault = fault_in(Path(file), error)
         raise BadTopology(f"{file}, {fault}; this shows all of it: {whole}") from error
 
 
-def _command_that_builds(file: str, class_name: str, given: Mapping[str, Any]) -> str:
-    keywords = ", ".join(f"{name}={value!r}" for name, value in given.items())
+def _command_that_builds(file: str, class_name: str, options: Mapping[str, Any]) -> str:
+    keywords = ", ".join(f"{name}={value!r}" for name, value in options.items())
     program = f"import runpy; runpy.run_path({file!r})[{class_name!r}]({keywords})"
     return f"PYTHONPATH={shlex.quote(str(ROOT))} {shlex.join([python(), '-c', program])}"
 
 
-def _takes(topo_class: type[Topo], given: Mapping[str, Any]) -> set[str]:
+def _takes(topo_class: type[Topo], options: Mapping[str, Any]) -> set[str]:
     parameters = inspect.signature(topo_class.build).parameters
     if any(each.kind == each.VAR_KEYWORD for each in parameters.values()):
-        return {*parameters, *given}
+        return {*parameters, *options}
     return set(parameters)
 
 

@@ -96,13 +96,13 @@ def _refuse_too_few(service: str, host: str, needed: int, parts: Description) ->
 
 def analysers_from(begin: str, parts: Description) -> dict[str, float]:
     """Return in how many switches with an analyser light has been at least, by where it comes."""
-    ways: Distances = {}
+    distances: Distances = {}
     for fiber in parts.fibers:
         for near, far in ((fiber.a, fiber.b), (fiber.b, fiber.a)):
             if near == begin or near in parts.switches:  # other hosts pass nothing on
                 able = far in parts.switches and parts.switches[far].analysers > 0
-                ways.setdefault(near, {})[far] = float(able)
-    return shortest(ways, begin)
+                distances.setdefault(near, {})[far] = float(able)
+    return shortest(distances, begin)
 
 
 def _refuse_dark(service: str, one: str, other: str, parts: Description) -> None:
@@ -153,13 +153,13 @@ def loss_to_click(begin: str, end: str, parts: Description) -> float:
 
     That is infinity if none comes there.
     """
-    ways: Distances = {}
+    distances: Distances = {}
     for fiber in parts.fibers:
         for node, far in ((fiber.a, fiber.b), (fiber.b, fiber.a)):
             if node == begin or node in parts.switches:  # other hosts pass nothing on
                 passing = parts.switches[node].insertion_loss_db if node in parts.switches else 0.0
-                there = ways.setdefault(node, {})
+                there = distances.setdefault(node, {})
                 there[far] = min(passing + fiber.optics.loss_db, there.get(far, math.inf))
     efficiency = parts.hosts[end].detectors.efficiency
     clicks_db = -10 * math.log10(efficiency) if efficiency else math.inf
-    return shortest(ways, begin).get(end, math.inf) + clicks_db
+    return shortest(distances, begin).get(end, math.inf) + clicks_db

@@ -107,10 +107,10 @@ class PartOptions:
     def _set_devices(self, content: Content) -> None:
         hosts = {host.name: host.info for host in content.of(QuantumHost)}
         others = {host: device_of(host, info) for host, info in hosts.items()}
-        given = _changed_devices(others | _named_nodes(self.node, self.preset), self.device)
+        devices = _changed_devices(others | _named_nodes(self.node, self.preset), self.device)
         for host in self.named_hosts:
             _require("--node or --device", host, hosts)
-            set_device(hosts[host], given[host])
+            set_device(hosts[host], devices[host])
 
     def _set_fibers(self, content: Content) -> None:
         by_place = _fibers_by_place(content)
@@ -216,9 +216,9 @@ def _in_order(place: str, by_place: Collection[str]) -> str:
     return place
 
 
-def _require(what: str, name: str, known: Collection[str]) -> None:
-    if name not in known:
-        raise BadTopology(f"{what} {name}: choose one of {', '.join(known) or 'none'}")
+def _require(what: str, name: str, names: Collection[str]) -> None:
+    if name not in names:
+        raise BadTopology(f"{what} {name}: choose one of {', '.join(names) or 'none'}")
 
 
 def kind_of_all(words: Sequence[str]) -> str:
@@ -231,16 +231,16 @@ def kind_of_all(words: Sequence[str]) -> str:
 
 def _named_nodes(words: Sequence[str], preset: Device) -> dict[str, Device]:
     """Return the devices of the hosts whose kind is named; raise BadTopology."""
-    given: dict[str, Device] = {}
+    devices: dict[str, Device] = {}
     for word in words:
         host, equals, kind = word.partition("=")
         if not equals:
             continue
-        if not host or not kind or host in given:
+        if not host or not kind or host in devices:
             kinds = ", ".join(NODE_KINDS)
             raise BadTopology(f"--node {word}: write KIND, or HOST=KIND once a host, of {kinds}")
-        given[host] = node_device(kind, preset)
-    return given
+        devices[host] = node_device(kind, preset)
+    return devices
 
 
 def _changed_devices(devices: Mapping[str, Device], words: Sequence[str]) -> dict[str, Device]:

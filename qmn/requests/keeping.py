@@ -48,10 +48,10 @@ class RecordReader(OptionReader):
 
 
 def read_kept(
-    kind: type[Kind], given: Mapping[str, Any], parts: Parts = NO_PARTS, **known: Any
+    kind: type[Kind], parameters: Mapping[str, Any], parts: Parts = NO_PARTS, **known: Any
 ) -> Kind:
     """Return the request that a result has kept; raise MalformedPacket for anything else."""
-    values = read_fields(kept_fields(kind, parts), given)
+    values = read_fields(kept_fields(kind, parts), parameters)
     return RecordReader(values, known, parts).read(kind)
 
 

@@ -24,12 +24,12 @@ class Kept:
     known: Mapping[str, Any] = field(default_factory=dict)  # fields that are not kept
     parts: Mapping[str, type[Any]] = field(default_factory=dict)  # their classes
 
-    def read(self, given: Mapping[str, Any], **elsewhere: Any) -> Request:
+    def read(self, parameters: Mapping[str, Any], **elsewhere: Any) -> Request:
         """Return the request; `elsewhere` are fields that a result has beside the request.
 
         Raise MalformedPacket for a name or a value that no such request has.
         """
-        request: Request = read_kept(self.kind, given, self.parts, **self.known, **elsewhere)
+        request: Request = read_kept(self.kind, parameters, self.parts, **self.known, **elsewhere)
         return request
 
     @property

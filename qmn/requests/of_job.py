@@ -21,14 +21,14 @@ JOBS = (SERVICE, *VERBS)
 JobRequest = ServiceRequest | SuperdenseRequest
 
 
-def request_of(job: str, given: Mapping[str, Any]) -> JobRequest:
+def request_of(job: str, parameters: Mapping[str, Any]) -> JobRequest:
     """Return the request of a job that options fill, by their names on the command line.
 
     Raise BadInput for a job or an option there is not.
     """
     if job not in JOBS:
         raise BadInput(f"unknown job {job!r}: {remedy(job, JOBS)}")
-    options = {FLAGS.get(name, name): value for name, value in given.items()}
+    options = {FLAGS.get(name, name): value for name, value in parameters.items()}
     for name in sorted(options.keys() & OF_RUN):
         raise BadInput(f"{name} is of `qmn run`, which starts a network of its own: leave it out")
     if job == SERVICE:

@@ -129,17 +129,17 @@ def ends_of_line(service: str, line: str) -> dict[str, str]:
 
 
 def service_request(
-    service: str, receiver: str = "bob", topology: str = "", **given: Any
+    service: str, receiver: str = "bob", topology: str = "", **keywords: Any
 ) -> ServiceRequest:
     """Return the request that options fill, by their names; raise BadInput for one there is not."""
     options = named()[service].options
-    line = given.get("line", getattr(options, "line", ""))
+    line = keywords.get("line", getattr(options, "line", ""))
     return from_keywords(
         ServiceRequest,
-        given,
+        keywords,
         {"options": options},
         service=service,
         port=SERVICE_PORT,
-        topology=topology or ("" if given.get("map") else verb_of(service).topology),
+        topology=topology or ("" if keywords.get("map") else verb_of(service).topology),
         **{"host": receiver, **ends_of_line(service, line)},
     )

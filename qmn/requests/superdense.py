@@ -35,13 +35,13 @@ class SuperdenseRequest:
 
 
 def superdense_request(
-    receiver: str = "bob", topology: str = "", **given: Any
+    receiver: str = "bob", topology: str = "", **keywords: Any
 ) -> SuperdenseRequest:
     """Return the request that options fill, by their names; raise BadInput for one there is not."""
     return from_keywords(
         SuperdenseRequest,
-        given,
+        keywords,
         host=receiver,
         port=APPLICATION_PORT,
-        topology=topology or ("" if given.get("map") else "sdc"),
+        topology=topology or ("" if keywords.get("map") else "sdc"),
     )

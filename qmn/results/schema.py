@@ -27,12 +27,8 @@ from wire.results.schema import Schema
 
 # Services and fields of earlier results.
 RENAMED = {"switch_swap": "swap"}
-FIELDS = {
-    "given_back": "preempted",
-    "looking": "state_inspection",
-    "moments": "time_series",
-    "seals": "monitors",
-}
+FIELDS = {"given_back": "preempted", "moments": "time_series", "seals": "monitors"}
+FIELDS["looking"] = "state_inspection"
 COMMON, OF_JOB = "parameters of every job", "parameters of "
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -118,25 +114,25 @@ def read_run(given: dict[str, Any]) -> RunResult:
     if kept is None:
         service = head.service or ""
         raise MalformedPacket(f"unknown service {service!r}: {remedy(service, KEPT)}")
-    asked = kept.read(head.parameters, **known)
-    return typed_json.read(RunResult, {**given, "parameters": asked})
+    parameters = kept.read(head.parameters, **known)
+    return typed_json.read(RunResult, {**given, "parameters": parameters})
 
 
-def _renamed(given: Any, depth: int = 1) -> Any:
+def _renamed(value: Any, depth: int = 1) -> Any:
     """Return fields of a result, and of its parts, by the names of today."""
-    if not isinstance(given, dict):
-        return given
+    if not isinstance(value, dict):
+        return value
     return {
         FIELDS.get(name, name): _renamed(part, depth - 1) if depth > 0 or name == "asking" else part
-        for name, part in given.items()
+        for name, part in value.items()
     }
 
 
-def _read_network(given: dict[str, Any]) -> NetworkResult:
+def _read_network(content: dict[str, Any]) -> NetworkResult:
     kept = {each.name: each for each in fields(NetworkOptions) if each.name not in BESIDE}
-    beside = {name: given[name] for name in BESIDE if given[name] is not None}
-    asked = NetworkOptions(**read_fields(kept, given["parameters"]), **beside)
-    return typed_json.read(NetworkResult, {**given, "parameters": asked})
+    beside = {name: content[name] for name in BESIDE if content[name] is not None}
+    options = NetworkOptions(**read_fields(kept, content["parameters"]), **beside)
+    return typed_json.read(NetworkResult, {**content, "parameters": options})
 
 
 def text() -> str:

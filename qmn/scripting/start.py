@@ -55,19 +55,19 @@ def start(
     """
     find_tools()
     of_machines = {name: options.pop(name) for name in MACHINES if name in options}
-    asked = from_keywords(NetworkOptions, options)
-    topo = topo or asked.topology or "sdc"
+    request = from_keywords(NetworkOptions, options)
+    topo = topo or request.topology or "sdc"
     if isinstance(topo, str):
         _require_known(topo)
-        description = describe_network(replace(asked, topology=topo))
+        description = describe_network(replace(request, topology=topo))
     elif unused := sorted(options.keys() & NAMED_ONLY):
         raise BadInput(f"{unused[0]} is of the topologies of qmn: say it in your own, or leave it")
     else:
-        for word in (*asked.fiber, *asked.node):
-            if part_options(asked).is_of_all(word):
+        for word in (*request.fiber, *request.node):
+            if part_options(request).is_of_all(word):
                 raise BadInput(f"{word} is of the topologies of qmn: say of which part it is")
-        description = describe_own(topo, asked)
-    check_network(asked)
+        description = describe_own(topo, request)
+    check_network(request)
     with _standing(made_as(description), description, folder, of_machines) as network:
         yield network
 

@@ -82,13 +82,13 @@ def _position(path: Path, node: str, info: Mapping[str, Any]) -> Position | None
 
 
 def _filled(
-    known: Mapping[str, Position], neighbors: Mapping[str, set[str]]
+    positions: Mapping[str, Position], neighbors: Mapping[str, set[str]]
 ) -> dict[str, Position]:
     """Return positions with those of places that have none: in the middle of their neighbours.
 
     Places whose neighbours have none either come after these.
     """
-    filled = dict(known)
+    filled = dict(positions)
     while found := {
         node: _middle([filled[each] for each in sorted(others) if each in filled])
         for node, others in neighbors.items()
@@ -120,15 +120,15 @@ def _once(links: Iterator[Link]) -> Iterator[Link]:
         yield link
 
 
-def _sequence(path: Path, given: Mapping[str, Any]) -> Map:
+def _sequence(path: Path, content: Mapping[str, Any]) -> Map:
     """Return the map of SeQUeNCe's JSON: `distance` is in m, `attenuation` in dB/m.
 
     Ways are its qconnections and its qchannels, of which two may be one way.
     """
-    channels = _links(path, given.get("qchannels", ()), "source", "destination")
-    connections = _links(path, given.get("qconnections", ()), "node1", "node2")
-    nodes = [(str(node["name"]), str(node["name"]), None) for node in given["nodes"]]
-    return from_parts(path.stem, nodes, [*connections, *_once(channels)], _unused(given))
+    channels = _links(path, content.get("qchannels", ()), "source", "destination")
+    connections = _links(path, content.get("qconnections", ()), "node1", "node2")
+    nodes = [(str(node["name"]), str(node["name"]), None) for node in content["nodes"]]
+    return from_parts(path.stem, nodes, [*connections, *_once(channels)], _unused(content))
 
 
 def _links(path: Path, entries: Any, one: str, other: str) -> Iterator[Link]:
@@ -139,9 +139,9 @@ def _links(path: Path, entries: Any, one: str, other: str) -> Iterator[Link]:
         yield *ends, float(each["distance"]) / 1e3, float(each["attenuation"]) * 1e3
 
 
-def _unused(given: Mapping[str, Any]) -> tuple[str, ...]:
-    unused = set(given) - SEQUENCE_FIELDS[""]
+def _unused(content: Mapping[str, Any]) -> tuple[str, ...]:
+    unused = set(content) - SEQUENCE_FIELDS[""]
     for part, fields in SEQUENCE_FIELDS.items():
-        for entry in given.get(part, ()):
+        for entry in content.get(part, ()):
             unused |= {f"{part}.{name}" for name in set(entry) - fields}
     return tuple(sorted(unused))

@@ -30,7 +30,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Way:
+class MapLink:
     """A way between two places, by the names of their hosts."""
 
     one: str
@@ -43,7 +43,7 @@ class Way:
 class Map:
     name: str
     places: Sequence[Place]
-    ways: Sequence[Way]
+    links: Sequence[MapLink]
     unused: Sequence[str] = ()  # fields of its file that say nothing here
 
     def place(self, name: str) -> Place:
@@ -71,7 +71,7 @@ def great_circle_km(one: Position, other: Position) -> float:
 def from_parts(
     name: str,
     nodes: Sequence[tuple[Any, str, Any]],
-    ways: Sequence[tuple[Any, Any, float, float | None]],
+    links: Sequence[tuple[Any, Any, float, float | None]],
     unused: Sequence[str] = (),
 ) -> Map:
     """Return the map of nodes (key, name, position) and ways; none leads to where it begins."""
@@ -82,14 +82,14 @@ def from_parts(
         Place(hosts[key], called, None if at is None else (float(at[0]), float(at[1])))
         for key, called, at in nodes
     ]
-    for one, other, length_km, _loss in ways:
+    for one, other, length_km, _loss in links:
         if not {one, other} <= hosts.keys():
             raise BadMap(f"map {name}: a way from {one} to {other}, and not both are places")
         if not isfinite(length_km):
             raise BadMap(
                 f"map {name}: a way from {one} to {other} of {length_km} km: give a number"
             )
-    laid = [Way(hosts[a], hosts[b], float(km), loss) for a, b, km, loss in ways if a != b]
+    laid = [MapLink(hosts[a], hosts[b], float(km), loss) for a, b, km, loss in links if a != b]
     return Map(name, places, laid, unused)
 
 

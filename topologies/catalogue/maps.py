@@ -39,7 +39,7 @@ def positions(read: Map) -> dict[str, Position]:
         return known
     import networkx
 
-    graph = networkx.Graph((way.one, way.other) for way in read.ways)
+    graph = networkx.Graph((link.one, link.other) for link in read.links)
     graph.add_nodes_from(each.name for each in read.places)
     laid = networkx.spring_layout(graph, seed=1)
     return {name: (float(x), float(y)) for name, (x, y) in laid.items()}
@@ -51,14 +51,14 @@ def _known(name: str) -> Map:
         key = name
     else:
         key = _key(name, {group: _names(folder / group) for group in GROUPS})
-    given = json.loads((folder / f"{key}.json").read_text())
+    content = json.loads((folder / f"{key}.json").read_text())
     return from_parts(
         key,
         [
             (node["id"], node.get("name") or str(node["id"]), node.get("pos"))
-            for node in given["nodes"]
+            for node in content["nodes"]
         ],
-        [(edge["source"], edge["target"], edge["dist"], None) for edge in given["edges"]],
+        [(edge["source"], edge["target"], edge["dist"], None) for edge in content["edges"]],
     )
 
 
@@ -95,9 +95,9 @@ def _checked(read: Map) -> Map:
         raise BadMap(f"map {read.name} has no places")
     reached, found = [read.places[0].name], {read.places[0].name}
     for name in reached:  # grows
-        for way in read.ways:
-            if name in (way.one, way.other):
-                new = {way.one, way.other} - found
+        for link in read.links:
+            if name in (link.one, link.other):
+                new = {link.one, link.other} - found
                 found |= new
                 reached += new
     if apart := [place.name for place in read.places if place.name not in found]:

@@ -70,14 +70,14 @@ SWITCH_PRESETS = {
 }
 
 
-def optics_of(name: str, given: Mapping[str, Any]) -> QuantumSwitch:
+def optics_of(name: str, options: Mapping[str, Any]) -> QuantumSwitch:
     """Return the optics of a switch: what is given, else what its preset says.
 
     Raise BadParameter if a value is out of range.
     """
-    preset = given.get("preset") or "ideal"
+    preset = options.get("preset") or "ideal"
     check_choice(f"{name}: preset", preset, SWITCH_PRESETS, BadParameter)
-    own = {each: given[each] for each in OPTICS & given.keys()}
+    own = {each: options[each] for each in OPTICS & options.keys()}
     paths = list(own.pop("paths", ()))
     switch = QuantumSwitch(name, **{**SWITCH_PRESETS[preset].optics, **own}, paths=paths)
     switch.check()

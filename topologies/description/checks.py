@@ -180,20 +180,20 @@ def _check_first_link(name: str, first: FirstLink | None) -> None:
 
 
 def _first_links(content: Content) -> dict[str, FirstLink]:
-    found: dict[str, FirstLink] = {}
+    links: dict[str, FirstLink] = {}
     for link in content.links:
         for node, port, other in link.ends:
             here = FirstLink(port, other, link.is_fiber)
             if not node.is_switch:
-                found[node.name] = min(found.get(node.name, here), here, key=lambda each: each.port)
-    return found
+                links[node.name] = min(links.get(node.name, here), here, key=lambda each: each.port)
+    return links
 
 
 def _copper_that_passes(content: Content) -> Distances:
-    ways: Distances = {}
+    distances: Distances = {}
     for link in content.links:
         one, other = link.a, link.b
         if not link.is_fiber and one.passes_packets and other.passes_packets:
-            ways.setdefault(one.name, {})[other.name] = 0.0
-            ways.setdefault(other.name, {})[one.name] = 0.0
-    return ways
+            distances.setdefault(one.name, {})[other.name] = 0.0
+            distances.setdefault(other.name, {})[one.name] = 0.0
+    return distances

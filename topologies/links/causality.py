@@ -41,22 +41,22 @@ def worst(network: Runtime) -> Early | None:
 
 def ways_of_light(network: Runtime) -> Distances:
     """Return the fastest fibre between neighbours."""
-    found: Distances = {}
+    distances: Distances = {}
     for fiber in network.fibers:
-        _join(found, fiber.a.node, fiber.b.node, fiber.delay_s)
-    return found
+        _join(distances, fiber.a.node, fiber.b.node, fiber.delay_s)
+    return distances
 
 
 def ways_of_news(network: Runtime) -> Distances:
     """Return the copper between neighbours, also that to the controller."""
-    found: Distances = {}
+    distances: Distances = {}
     for link, delay_s in network.copper.items():
         one, other = sorted(link)
-        _join(found, one, other, delay_s)
-    return found
+        _join(distances, one, other, delay_s)
+    return distances
 
 
-def _join(ways: Distances, one: str, other: str, delay_s: float) -> None:
+def _join(distances: Distances, one: str, other: str, delay_s: float) -> None:
     for near, far in ((one, other), (other, one)):
-        known = ways.setdefault(near, {})
+        known = distances.setdefault(near, {})
         known[far] = min(delay_s, known.get(far, delay_s))

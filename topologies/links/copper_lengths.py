@@ -50,13 +50,13 @@ def assign_copper_lengths(
 
 def fibers_of(topo: Topo) -> Distances:
     """Return the length (km) of the shortest fibre between neighbours."""
-    found: defaultdict[str, dict[str, float]] = defaultdict(dict)
+    distances: defaultdict[str, dict[str, float]] = defaultdict(dict)
     for one, other, info in topo.links(withInfo=True):
         if info.get("cls") is FiberLink:
             length_km = float(info.get("length_km", FiberOptics().length_km))
             for near, far in ((one, other), (other, one)):
-                found[near][far] = min(length_km, found[near].get(far, inf))
-    return dict(found)
+                distances[near][far] = min(length_km, distances[near].get(far, inf))
+    return dict(distances)
 
 
 def copper_of(topo: Topo) -> list[tuple[str, str, dict[str, Any]]]:

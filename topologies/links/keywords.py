@@ -17,7 +17,7 @@ NAMED = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY
 
 
 def refuse_unknown(
-    where: str, given: Iterable[str], *kinds: type, also: Iterable[str] = ()
+    where: str, names: Iterable[str], *kinds: type, also: Iterable[str] = ()
 ) -> None:
     """Raise BadParameter for keywords that none of these classes takes to be made or configured.
 
@@ -26,7 +26,7 @@ def refuse_unknown(
     own = [each for kind in kinds for each in kind.__mro__ if not _is_mininets(each)]
     ours = {*also, *_taken(own)}
     known = {*ours, *FROM_MININET, *_taken(each for kind in kinds for each in kind.__mro__)}
-    for name in sorted(set(given) - known):
+    for name in sorted(set(names) - known):
         choices = sorted((ours or known) - {"name", "node1", "node2"})
         raise BadParameter(f"{where} has no {name}: {remedy(name, sorted(known), choices)}")
 

@@ -79,10 +79,10 @@ def lengths_to(switches: Mapping[str, Node], network: Runtime) -> dict[str, floa
     """
     if network.settings.control_km is not None:
         return dict.fromkeys(switches, network.settings.control_km)
-    ways: dict[str, dict[str, float]] = {}
+    distances: dict[str, dict[str, float]] = {}
     for link, seconds in network.copper.items():
         one, other = link
-        ways.setdefault(one, {})[other] = ways.setdefault(other, {})[one] = seconds
+        distances.setdefault(one, {})[other] = distances.setdefault(other, {})[one] = seconds
     place = next((name for name in switches if name not in network.switches), "")
-    reached = shortest(ways, place)
+    reached = shortest(distances, place)
     return {name: length_km(reached.get(name, delay_s(0.0))) for name in switches}

@@ -160,10 +160,10 @@ class OpticalSwitch(ClassicalSwitch):
         certify_operator(network)
         return network.socket(f"{self.name}-gnmi")
 
-    def _controllers(self, given: list[Controller]) -> list[str]:
+    def _controllers(self, controllers: list[Controller]) -> list[str]:
         if self.controller_port is not None:
             return [f"127.0.0.1:{self.controller_port}"]
-        reached = [as_reached(controller, self.name) for controller in given]
+        reached = [as_reached(controller, self.name) for controller in controllers]
         return [f"{controller.IP()}:{controller.port}" for controller in reached]
 
     def stop(self, deleteIntfs: bool = True) -> None:  # noqa: N803 (Mininet's name)

@@ -126,16 +126,16 @@ def _usage(*, signs: bool) -> x509.KeyUsage:
 class GivenCertificates:
     """Certificates that somebody has made: ca.pem, and NAME.pem and NAME.key of each program."""
 
-    def __init__(self, folder: Path, given: Path) -> None:
+    def __init__(self, folder: Path, path: Path) -> None:
         """Take them from a folder that is given into a new one of mode 0700, as they are needed.
 
         Raise NetworkError, here and wherever one is looked at, for what is missing or wrong.
         """
-        self._folder, self._given = folder, given
-        self._authority = _certificate(given / AUTHORITY)
+        self._folder, self._given = folder, path
+        self._authority = _certificate(path / AUTHORITY)
         folder.mkdir(mode=0o700)
         self.certificate = folder / AUTHORITY
-        shutil.copyfile(given / AUTHORITY, self.certificate)
+        shutil.copyfile(path / AUTHORITY, self.certificate)
 
     def check(self, name: str) -> None:
         self._checked(name)

@@ -35,9 +35,9 @@ class BadAct(Exception):
     """Something that a page cannot ask for; the text names value and remedy."""
 
 
-def command_for(given: object) -> list[str]:
+def command_for(value: object) -> list[str]:
     """Return the words of the command that a page asks for; raise BadAct for anything else."""
-    match given:
+    match value:
         case {"act": str(name), **fields} if name in VERBS:
             words = VERBS[name].split()
         case {"act": name}:

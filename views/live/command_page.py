@@ -74,22 +74,22 @@ async def answered(
     except (asyncio.IncompleteReadError, asyncio.LimitOverrunError, ConnectionError, TimeoutError):
         writer.close()
         return
-    asked = re.match(
+    match = re.match(
         rb"[A-Z]+ /" + pages.secret.encode() + rb"/(?:(\d{1,9})/)?([^ ?]*)(\?next)?", head
     )
-    number = int(asked[1] or 0) if asked else 0
+    number = int(match[1] or 0) if match else 0
     if number and pages.runs(number):
         connect = partial(asyncio.open_unix_connection, pages.socket(number))
         await relay(connect, (reader, writer), head)
         return
-    path = asked[2].decode(errors="replace") if asked else ""
+    path = match[2].decode(errors="replace") if match else ""
     task = asyncio.current_task()
     assert task is not None
     waiting.add(task)
     try:
-        if asked and asked[3]:
+        if match and match[3]:
             await next_network(pages, over)
-        writer.write(answer_to(pages, number, path, over.is_set()) if asked else response(404))
+        writer.write(answer_to(pages, number, path, over.is_set()) if match else response(404))
         with suppress(ConnectionError):
             await writer.drain()
         writer.close()

@@ -113,10 +113,10 @@ async def answered(page: Page, reader: asyncio.StreamReader, writer: asyncio.Str
 
 def asked_of(page: Page, head: bytes) -> bytes | None:
     """Return the request to the page that a viewer's leads to; None if it leads to none."""
-    asked = ASKED.match(head)
-    if asked is None or not compare_digest(asked[1], page.token.encode()):
+    match = ASKED.match(head)
+    if match is None or not compare_digest(match[1], page.token.encode()):
         return None
-    path, last = asked[2], LAST.search(head)
+    path, last = match[2], LAST.search(head)
     look = LOOK if path.endswith(b"network.json") else b""
     since = b"Last-Event-ID: " + last[1] + b"\r\n" if last else b""
     place = b"GET /" + page.secret.encode() + b"/" + path + look + b" HTTP/1.1\r\n"

@@ -19,9 +19,9 @@ Vector = tuple[float, float, float]
 
 def lengths(arrived: int, agreed: int) -> tuple[float, float, float]:
     """Return 2F - 1, how much of a state is left along its direction, with its 95 % interval."""
-    found = Estimate(arrived - agreed, arrived)
-    low, high = found.interval()
-    return 1 - 2 * found.qber, 1 - 2 * high, 1 - 2 * low
+    estimate = Estimate(arrived - agreed, arrived)
+    low, high = estimate.interval()
+    return 1 - 2 * estimate.qber, 1 - 2 * high, 1 - 2 * low
 
 
 @drawing.styled

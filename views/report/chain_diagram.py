@@ -26,9 +26,9 @@ def chain_of(events: Iterable[Event], begin: str) -> tuple[list[str], Ages]:
         node, block = event.node.partition("-")[0], event.block  # of a switch: its memory
         link = links.setdefault((block.session, block.number % 2), {})
         link.setdefault(block.half, node)
-        if event.kind in USED and (found := AGE.search(event.detail)):
+        if event.kind in USED and (match := AGE.search(event.detail)):
             key = node, block.session
-            ages[key] = max(ages.get(key, 0.0), float(found[1]))
+            ages[key] = max(ages.get(key, 0.0), float(match[1]))
     ends = [tuple(link.values()) for _session, link in sorted(links.items()) if len(link) == 2]
     nodes = [begin]
     while follower := _follower(ends, nodes):

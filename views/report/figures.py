@@ -182,16 +182,16 @@ def key_distribution_figures(run: RunFacts) -> Iterator[str]:
 
 def _error_rates(lines: Sequence[KeyProgress]) -> list[charts.Rate]:
     """Return time and error rate of each key; the first line without keys of its own: of all."""
-    found: list[charts.Rate] = []
+    rates: list[charts.Rate] = []
     for each in lines:
         rate: Sequence[float | None] = each.newest_qber or ()
-        if not rate and not found:
+        if not rate and not rates:
             rate = each.qber, each.qber_low, each.qber_high
         match rate:
             case [float(value), float(low), float(high)]:
-                if not found or (value, low, high) != found[-1][1:]:
-                    found.append((each.elapsed_s, value, low, high))
-    return found
+                if not rates or (value, low, high) != rates[-1][1:]:
+                    rates.append((each.elapsed_s, value, low, high))
+    return rates
 
 
 def pictures_of_states(run: RunFacts) -> Iterator[str]:

@@ -40,20 +40,20 @@ class LightPath:
 def light_paths(network: NetworkFacts, events: Iterable[Event]) -> list[LightPath]:
     """Return every path that stood at any time, in the order in which they did."""
     plant = _Plant(network)
-    found: dict[LightPath, None] = {}
-    ways: dict[FiberEnd, str] = {}
+    paths: dict[LightPath, None] = {}
+    connections: dict[FiberEnd, str] = {}
     known: set[frozenset[tuple[FiberEnd, str]]] = set()  # a run may open the same path often
     for event in events:
         if event.kind == "open":
             in_port, out_port = _ports(event.detail)
-            ways[FiberEnd(event.node, in_port)] = out_port
-            connected = frozenset(ways.items())
+            connections[FiberEnd(event.node, in_port)] = out_port
+            connected = frozenset(connections.items())
             if connected not in known:
                 known.add(connected)
-                found.update(dict.fromkeys(plant.paths(ways)))
+                paths.update(dict.fromkeys(plant.paths(connections)))
         elif event.kind == "close":
-            ways.pop(FiberEnd(event.node, event.port), None)
-    return list(found)
+            connections.pop(FiberEnd(event.node, event.port), None)
+    return list(paths)
 
 
 def _ports(detail: str) -> tuple[str, str]:
@@ -73,19 +73,21 @@ class _Plant:
             self._fibers |= {fiber.a: (fiber, fiber.b), fiber.b: (fiber, fiber.a)}
         self._switches = {switch.name: switch for switch in network.switches}
 
-    def paths(self, ways: dict[FiberEnd, str]) -> Iterator[LightPath]:
+    def paths(self, connections: dict[FiberEnd, str]) -> Iterator[LightPath]:
         for begin in self._fibers:
             if begin.node not in self._switches:
-                path = self._follow(begin.port, begin, ways)
+                path = self._follow(begin.port, begin, connections)
                 if path is not None:
                     yield path
-        for begin, out_port in ways.items():
+        for begin, out_port in connections.items():
             if name := part_at(begin):
-                path = self._follow(name, FiberEnd(begin.node, out_port), ways)
+                path = self._follow(name, FiberEnd(begin.node, out_port), connections)
                 if path is not None:
                     yield path
 
-    def _follow(self, name: str, place: FiberEnd, ways: dict[FiberEnd, str]) -> LightPath | None:
+    def _follow(
+        self, name: str, place: FiberEnd, connections: dict[FiberEnd, str]
+    ) -> LightPath | None:
         hops: list[Hop] = []
         seen = set[FiberEnd]()
         while place in self._fibers and place not in seen:
@@ -94,9 +96,9 @@ class _Plant:
             hops.append(Hop(fiber_name(fiber), fiber.loss_db, (place.node, far.node)))
             if far.node not in self._switches:
                 return LightPath(name, far.port, tuple(hops))
-            if far not in ways:
+            if far not in connections:
                 return None
-            switch, out_port = self._switches[far.node], ways[far]
+            switch, out_port = self._switches[far.node], connections[far]
             hops.append(
                 Hop(f"{far.node} {far.port}→{out_port}", _switch_loss_db(switch, far, out_port))
             )

@@ -80,10 +80,10 @@ def add_parser(verbs: Any) -> None:
 
 def age_s(text: str) -> float:
     """Return an age in seconds; raise ArgumentTypeError for anything else."""
-    found = re.fullmatch(r"(\d+(?:\.\d+)?)([hdw])", text)
-    if not found:
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)([hdw])", text)
+    if not match:
         raise argparse.ArgumentTypeError(f"{text!r} is not an age such as 12h, 30d or 8w")
-    return float(found[1]) * UNITS_S[found[2]]
+    return float(match[1]) * UNITS_S[match[2]]
 
 
 def call(arguments: argparse.Namespace) -> int:

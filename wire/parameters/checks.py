@@ -51,11 +51,11 @@ def _edits(one: str, other: str) -> int:
 
 
 def check_names(
-    where: str, given: Iterable[str], known: Collection[str], refusal: Refusal = ValueError
+    where: str, names: Iterable[str], choices: Collection[str], refusal: Refusal = ValueError
 ) -> None:
     """Refuse the first name, in their order, that is not known; `where` has names."""
-    for name in sorted(set(given) - set(known)):
-        raise refusal(f"{where} has no {name}: {remedy(name, known)}")
+    for name in sorted(set(names) - set(choices)):
+        raise refusal(f"{where} has no {name}: {remedy(name, choices)}")
 
 
 def check_choice(

@@ -176,14 +176,14 @@ class Fiber(FiberOptics):
         return self.channel_mhz(self.channel) if self.channels > 1 else None
 
 
-def optics(where: str, **given: Any) -> FiberOptics:
-    """Return a fibre's optics: what is given, else what its kind brings along.
+def optics(where: str, **settings: Any) -> FiberOptics:
+    """Return a fibre's optics: the given values, else those of its kind.
 
     Raise BadParameter for a name, a kind or a value that cannot be.
     """
     names = [item.name for item in fields(FiberOptics)]
-    check_names(where, given, names, BadParameter)
-    kind = given.get("kind", "ideal")
-    result = FiberOptics(**{**KINDS.get(kind, {}), **given})
+    check_names(where, settings, names, BadParameter)
+    kind = settings.get("kind", "ideal")
+    result = FiberOptics(**{**KINDS.get(kind, {}), **settings})
     result.check(where)
     return result

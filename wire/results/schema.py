@@ -19,7 +19,7 @@ NOTHING: Mapping[str, Schema] = {}
 MOST_DEPTH = 32  # of lists and objects in a file
 
 
-def schema_of(kind: Any, definitions: Schema, known: Mapping[str, Schema] = NOTHING) -> Schema:
+def schema_of(kind: Any, definitions: Schema, schemas: Mapping[str, Schema] = NOTHING) -> Schema:
     """Return the JSON Schema of a type; dataclasses are added to the definitions.
 
     `known` are schemas of fields of it that do not follow from their types.
@@ -36,18 +36,18 @@ def schema_of(kind: Any, definitions: Schema, known: Mapping[str, Schema] = NOTH
         return {"type": "object", "additionalProperties": schema_of(get_args(kind)[1], definitions)}
     if kind.__name__ not in definitions:
         definitions[kind.__name__] = {}  # keeps its place
-        definitions[kind.__name__] = _schema_of_dataclass(kind, definitions, known)
+        definitions[kind.__name__] = _schema_of_dataclass(kind, definitions, schemas)
     return {"$ref": f"#/$defs/{kind.__name__}"}
 
 
-def _schema_of_dataclass(kind: Any, definitions: Schema, known: Mapping[str, Schema]) -> Schema:
+def _schema_of_dataclass(kind: Any, definitions: Schema, schemas: Mapping[str, Schema]) -> Schema:
     hints = get_type_hints(kind)
     names = [each.name for each in fields(kind)]
     return {
         "type": "object",
         "description": " ".join((kind.__doc__ or "").split()),
         "properties": {
-            name: known[name] if name in known else schema_of(hints[name], definitions)
+            name: schemas[name] if name in schemas else schema_of(hints[name], definitions)
             for name in names
         },
         "required": sorted(each.name for each in fields(kind) if _is_there(kind, each)),

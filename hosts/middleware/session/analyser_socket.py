@@ -253,13 +253,13 @@ class AnalyserSocket:
                 raise SessionError(Reason.NO_LIGHT, text + ENDS[ended.frame.end])
         return [each for each, reports in self._analysers.items() if reports.has(pulses)]
 
-    async def _positions(self, pulses: int, found: Iterable[AnalyserFrame]) -> NDArray[np.intp]:
+    async def _positions(self, pulses: int, frames: Iterable[AnalyserFrame]) -> NDArray[np.intp]:
         """Return which pulses of this end's light the memory at the other end of its link holds.
 
         Its herald of this block was sent before outcomes were.
         """
         self._read()
-        gaps = any(frame.pulses < pulses for frame in found)
+        gaps = any(frame.pulses < pulses for frame in frames)
         while gaps and not self._memory.has(pulses):
             await self._more()
         if not self._memory.has(pulses):
@@ -272,30 +272,30 @@ class AnalyserSocket:
         return np.flatnonzero(held) if gaps else np.arange(pulses)
 
 
-def _corrected(found: dict[bytes, AnalyserFrame], left: AnalyserFrame, pulses: int) -> Swapped:
+def _corrected(frames: dict[bytes, AnalyserFrame], left: AnalyserFrame, pulses: int) -> Swapped:
     """Return the pairs that the controller has left, with its corrections."""
     if not left.waited_us or left.pulses > pulses:
         text = f"{left.pulses} pairs left of {pulses} by {left.waited_us} rounds of purification"
         raise SessionError(Reason.PROTOCOL, text)
     outcomes = np.frombuffer(left.outcomes, np.uint8)
     positions = np.flatnonzero(outcomes != NO_COINCIDENCE)
-    whole = _together(found, positions)
+    whole = _together(frames, positions)
     return replace(whole, outcomes=outcomes[positions], positions=positions, rounds=left.waited_us)
 
 
-def _together(found: dict[bytes, AnalyserFrame], positions: NDArray[np.intp]) -> Swapped:
+def _together(frames: dict[bytes, AnalyserFrame], positions: NDArray[np.intp]) -> Swapped:
     """Return what the i-th pulses of all blocks make, as many as the poorest block has."""
-    most = min(frame.pulses for frame in found.values())
-    each = np.array([np.frombuffer(frame.outcomes, np.uint8)[:most] for frame in found.values()])
+    most = min(frame.pulses for frame in frames.values())
+    each = np.array([np.frombuffer(frame.outcomes, np.uint8)[:most] for frame in frames.values()])
     product = np.bitwise_xor.reduce(each)
     product[(each == NO_COINCIDENCE).any(axis=0)] = NO_COINCIDENCE
-    numbers = sorted((crc32(analyser), frame.number) for analyser, frame in found.items())
+    numbers = sorted((crc32(analyser), frame.number) for analyser, frame in frames.items())
     waited_us = {
         analyser[len(PLACES)]: frame.waited_us
-        for analyser, frame in found.items()
+        for analyser, frame in frames.items()
         if analyser.startswith(PLACES)
     }
-    heralds = [frame for frame in found.values() if frame.end == End.HERALDED]
+    heralds = [frame for frame in frames.values() if frame.end == End.HERALDED]
     attempts = sum(frame.waited_us for frame in heralds)
     heralded = min((frame.pulses for frame in heralds), default=0)
     blocks = [word for pair in numbers for word in pair]

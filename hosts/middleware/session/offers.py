@@ -32,13 +32,13 @@ def offer_nothing_but_0(wanted: dict[str, int]) -> None:
             raise SessionError(Reason.UNSUPPORTED, f"{name} {value}: only 0 is offered yet")
 
 
-def unanswered(asked: Setup, **changes: Any) -> Setup:
+def unanswered(setup: Setup, **changes: Any) -> Setup:
     """Return what is asked of another host, as it was asked here but for changes: nobody's answer.
 
     The controller judges and seals it again.
     """
     return replace(
-        asked,
+        setup,
         verdict=Verdict.PENDING,
         rotation=Pauli.I,
         reason=Reason.OK,

@@ -28,12 +28,12 @@ class Options:
     """Checks of every session; each kind of session has further options."""
 
     @classmethod
-    def from_fields(cls, given: dict[str, Any]) -> Self:
+    def from_fields(cls, content: dict[str, Any]) -> Self:
         """Check what an application sent; raise SessionError naming value and remedy."""
         known = [field.name for field in fields(cls)]
-        check_names("a session", given, known, unsupported)
+        check_names("a session", content, known, unsupported)
         try:
-            options = cls(**given)
+            options = cls(**content)
         except TypeError as error:
             raise SessionError(Reason.UNSUPPORTED, f"missing option: {error}") from error
         options.check()

@@ -14,7 +14,7 @@ from limits import SOON_S
 from numpy.typing import NDArray
 from stacks_scene import live_qubits, network, requested
 
-from applications.interception.attacks import Way
+from applications.interception.attacks import PathLosses
 from applications.qkd.alice import Alice
 from applications.qkd.bob import Bob
 from applications.qkd.sifting import Announced, Known, Record
@@ -42,7 +42,7 @@ def test_as_many_pulses_click_as_without_her(
 ) -> None:
     """Where she would have to let more pass than there are, all of them do."""
     pulses = np.bincount(np.random.default_rng(1).poisson(mean, 200_000))
-    single, several = Way(expected_db + onward_db, onward_db).sent_on(pulses.tolist())
+    single, several = PathLosses(expected_db + onward_db, onward_db).sent_on(pulses.tolist())
     onward = 10 ** (-onward_db / 10)
     sent = pulses * np.where(np.arange(pulses.size) == 1, single, several)
     left = np.append(np.array([0, sent[1]]), np.zeros(pulses.size))
@@ -57,8 +57,8 @@ def test_as_many_pulses_click_as_without_her(
 
 
 def test_no_light_needs_no_choice() -> None:
-    assert Way(3.0, 0.0).sent_on([10]) == (0.0, 0.0)
-    assert Way(3.0, 0.0).sent_on([10, 0, 0]) == (0.0, 0.0)
+    assert PathLosses(3.0, 0.0).sent_on([10]) == (0.0, 0.0)
+    assert PathLosses(3.0, 0.0).sent_on([10, 0, 0]) == (0.0, 0.0)
 
 
 def attacked(

@@ -38,7 +38,7 @@ from wire.parameters.physics import Device
 order = ORDERS[read_policy("lifo").queue.order]
 print(json.dumps({
     "next": sorted([1.0, 3.0, 2.0], key=lambda since: order(Waiting(since))),
-    "km": [way.length_km for way in read_map("village").ways],
+    "km": [link.length_km for link in read_map("village").links],
     "switches": load("corridor", {"switches": 3})().switches(),
     "misread": node_device("worn", Device()).detectors.noise_parameters["misread"],
     "lab": [catalogue.lab("coins").theirs, catalogue.names()[-1]],

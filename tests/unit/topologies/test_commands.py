@@ -35,4 +35,4 @@ def test_what_is_not_installed_and_what_fails_is_told_by_its_own_name() -> None:
         run("no-such", timeout_s=5)
     with pytest.raises(NetworkError, match=r"^sh -c exit 3 failed: $"):
         run("sh", "-c", "exit 3", timeout_s=5)
-    assert run("cat", given="text", timeout_s=5) == "text"
+    assert run("cat", text="text", timeout_s=5) == "text"

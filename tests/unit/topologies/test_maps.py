@@ -60,8 +60,10 @@ def fibers(topo: Topo) -> dict[str, list[dict[str, Any]]]:
 def test_a_known_map_is_as_topohub_reads_it(key: str) -> None:
     found, graph = read_map(key.partition("/")[2]), graph_of(key)
     called = {place.name: place.called for place in found.places}
-    ways = {frozenset((called[way.one], called[way.other])): way.length_km for way in found.ways}
-    assert ways == {frozenset(ends): km for *ends, km in graph.edges(data="dist")}
+    links = {
+        frozenset((called[link.one], called[link.other])): link.length_km for link in found.links
+    }
+    assert links == {frozenset(ends): km for *ends, km in graph.edges(data="dist")}
     assert {place.called: list(place.position or ()) for place in found.places} == dict(
         graph.nodes(data="pos")
     )
@@ -70,7 +72,7 @@ def test_a_known_map_is_as_topohub_reads_it(key: str) -> None:
 def test_of_maps_of_several_years_the_newest_is_meant() -> None:
     garr = read_map("garr")
     assert garr.name == "topozoo/Garr201201"
-    assert (len(garr.places), len(garr.ways)) == (48, 62)  # as topohub's own list says
+    assert (len(garr.places), len(garr.links)) == (48, 62)  # as topohub's own list says
     names = [place.name for place in garr.places]
     assert len(set(names)) == 48
     assert all(len(f"{name}-eth0") < 16 for name in names)
@@ -81,7 +83,7 @@ def test_graphml_says_lengths_or_positions(tmp_path: Path) -> None:
     file.write_text(GRAPHML)
     found = read_map(str(file))
     assert [place.name for place in found.places] == ["nullisland", "hq1", "zurich"]
-    quarter, text = found.ways  # of the equator
+    quarter, text = found.links  # of the equator
     assert quarter.length_km == pytest.approx(EARTH_KM * pi / 2)
     assert text.length_km == 7.5
     assert len(positions(found)) == 3
@@ -108,7 +110,7 @@ def test_a_place_without_position_is_in_the_middle_of_its_neighbours(tmp_path: P
     degree_km = EARTH_KM * pi / 180
     places = {"west": (179.0, 0.0), "east": (-179.0, 0.0), "mid": None, "end": None}
     read = read_map(graphml_file(tmp_path, places, "west mid", "mid east", "mid end"))
-    assert [way.length_km for way in read.ways] == pytest.approx([degree_km, degree_km, 0.0])
+    assert [link.length_km for link in read.links] == pytest.approx([degree_km, degree_km, 0.0])
     east, north = positions(read)["mid"]
     assert (abs(east), north) == pytest.approx((180.0, 0.0))
 
@@ -117,8 +119,8 @@ def test_a_fibre_that_a_directed_file_names_twice_is_one(tmp_path: Path) -> None
     at: dict[str, tuple[float, float] | None] = {"aa": (0.0, 0.0), "bb": (1.0, 0.0)}
     ends = ("aa bb", "bb aa", "bb aa", "aa bb", "bb aa")
     both = read_map(graphml_file(tmp_path, at, *ends, kind="directed"))
-    assert len(both.ways) == 3  # as many as the direction that is named more often
-    assert len(read_map(graphml_file(tmp_path, at, *ends)).ways) == 5
+    assert len(both.links) == 3  # as many as the direction that is named more often
+    assert len(read_map(graphml_file(tmp_path, at, *ends)).links) == 5
 
 
 @pytest.mark.parametrize("name", ["東京", " 東京", "Zu\u0308rich", "ZÜRICH"])
@@ -137,8 +139,8 @@ def test_graphml_s_towns_are_as_far_apart_as_is_published(tmp_path: Path) -> Non
     """geopy's manual has Newport, Rhode Island, 536.997990696 miles from Cleveland, Ohio."""
     at: dict[str, tuple[float, float] | None] = {"newport": (-71.312796, 41.49008)}
     at["cleveland"] = -81.695391, 41.499498
-    (way,) = read_map(graphml_file(tmp_path, at, "newport cleveland")).ways
-    assert way.length_km == pytest.approx(536.997990696 * MILE_KM, rel=1e-6)
+    (link,) = read_map(graphml_file(tmp_path, at, "newport cleveland")).links
+    assert link.length_km == pytest.approx(536.997990696 * MILE_KM, rel=1e-6)
 
 
 def test_topohub_s_towns_are_north_and_east_of_greenwich_as_an_atlas_has_them() -> None:
@@ -156,11 +158,11 @@ def test_sequence_s_metres_are_kilometres_here(tmp_path: Path) -> None:
     file = tmp_path / "star.json"
     file.write_text(json.dumps(STAR))
     found = read_map(str(file))
-    assert [(way.one, way.other) for way in found.ways] == [
+    assert [(link.one, link.other) for link in found.links] == [
         ("center", "router1"),
         ("center", "router2"),
     ]
-    assert {(way.length_km, way.loss_db_per_km) for way in found.ways} == {(0.5, 0.2)}
+    assert {(link.length_km, link.loss_db_per_km) for link in found.links} == {(0.5, 0.2)}
     laid = fibers(MapTopo(map=str(file)))["q1 q2"][0]
     assert (laid["length_km"], laid["loss_db_per_km"]) == (0.5, 0.2)
     laid = fibers(MapTopo(map=str(file), loss_db_per_km=0.4))["q1 q2"][0]
@@ -170,10 +172,10 @@ def test_sequence_s_metres_are_kilometres_here(tmp_path: Path) -> None:
         for a, b in [("center", "router1"), ("router1", "center"), ("router1", "router2")]
     ]
     file.write_text(json.dumps({"nodes": STAR["nodes"], "qchannels": channels}))
-    assert [way.length_km for way in read_map(str(file)).ways] == [0.8, 0.8]
+    assert [link.length_km for link in read_map(str(file)).links] == [0.8, 0.8]
     file.write_text(json.dumps({**STAR, "qchannels": channels, "stop_time": 1, "templates": {}}))
     both = read_map(str(file))
-    assert [way.length_km for way in both.ways] == [0.5, 0.5, 0.8, 0.8]
+    assert [link.length_km for link in both.links] == [0.5, 0.5, 0.8, 0.8]
     assert both.unused == ("nodes.type", "qconnections.type", "stop_time", "templates")
 
 

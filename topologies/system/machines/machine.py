@@ -156,18 +156,18 @@ class Machine:
 
     def get(self, path: Path | str, most_bytes: int | None = None) -> bytes | None:
         """Return what is in a file there, None if there is none; NetworkError if it is longer."""
-        found = bytearray()
+        content = bytearray()
         while True:
             is_there, data = self._asked(
-                next(self._numbers), "get", path=str(path), offset=len(found)
+                next(self._numbers), "get", path=str(path), offset=len(content)
             )
-            found += data
+            content += data
             if not is_there:
                 return None
-            if most_bytes is not None and len(found) > most_bytes:
+            if most_bytes is not None and len(content) > most_bytes:
                 raise NetworkError(f"{self.name}: {path} has more than {most_bytes:,} bytes")
             if len(data) < MOST_BODY_BYTES:
-                return bytes(found)
+                return bytes(content)
 
     def put_folder(self, packed: bytes, folder: Path | str) -> None:
         """Put a private folder there, from its packed bytes (packing.pack)."""

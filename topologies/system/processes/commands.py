@@ -17,13 +17,13 @@ def ip(commands: Iterable[str]) -> None:
     """Run commands of ip(8) together; raise NetworkError for the first that fails."""
     lines = [f"{command}\n" for command in commands]
     limit_s = COMMAND_TIMEOUT_S + INTERFACE_S * len(lines)
-    run("ip", "-batch", "-", given="".join(lines), timeout_s=limit_s)
+    run("ip", "-batch", "-", text="".join(lines), timeout_s=limit_s)
 
 
 def run(
     *command: str,
     timeout_s: float,
-    given: str = "",
+    text: str = "",
     check: Callable[[], None] = lambda: None,
     look_s: float = COMMAND_LOOK_S,
     environment: Mapping[str, str] | None = None,
@@ -48,7 +48,7 @@ def run(
     ) as process:
         try:
             deadline = time.monotonic() + timeout_s
-            output, wrong = _end_of_command(process, given, deadline, check, look_s)
+            output, wrong = _end_of_command(process, text, deadline, check, look_s)
         except subprocess.TimeoutExpired as error:
             raise NetworkError(f"{command[0]} did not end in {timeout_s:g} s") from error
         finally:
@@ -62,13 +62,13 @@ def run(
 
 def _end_of_command(
     process: "subprocess.Popen[str]",
-    given: str,
+    text: str,
     deadline: float,
     check: Callable[[], None],
     look_s: float,
 ) -> tuple[str, str]:
     """Return what a command says, and what it says on standard error, when it has ended."""
-    unread: str | None = given
+    unread: str | None = text
     while True:
         try:
             return process.communicate(unread, timeout=look_s)

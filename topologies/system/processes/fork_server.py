@@ -85,8 +85,8 @@ def threads() -> int:
 
 
 def runnable(module: str) -> str:
-    found = find_spec(module)
-    is_package = found is not None and found.submodule_search_locations is not None
+    spec = find_spec(module)
+    is_package = spec is not None and spec.submodule_search_locations is not None
     return f"{module}.__main__" if is_package else module
 
 

@@ -64,9 +64,9 @@ def _of_program(
     """Give it its files; what Wireshark reads by comes back at the end."""
     folder = network.folder / name
 
-    def put(given: str) -> str:
-        there = folder / Path(given).name
-        machine.put(there, Path(given).read_bytes())
+    def put(path: str) -> str:
+        there = folder / Path(path).name
+        machine.put(there, Path(path).read_bytes())
         return str(there)
 
     files: Any = {name: put(getattr(config, name)) for name in config.FILES}

@@ -329,15 +329,15 @@ NONE_RUNS = "no network runs on this machine; start one that stays, as with `qmn
 
 def folders_of_running(root: Path | None = None) -> list[Path]:
     """Return the private folders of runs that run now; in own namespaces none other are there."""
-    found = (root or RUNTIME_ROOT).glob("*")
-    runs = ((path, from_words(path.name)) for path in found)
+    paths = (root or RUNTIME_ROOT).glob("*")
+    runs = ((path, from_words(path.name)) for path in paths)
     return sorted(path for path, run in runs if run and (are_own() or run.alive))
 
 
 def folders_of_gone(root: Path | None = None) -> list[Path]:
     """Return the private folders of runs that are gone, and no others."""
-    found = (root or RUNTIME_ROOT).glob("*")
-    return sorted(path for path in found if gone(path.name) and path.is_dir())
+    paths = (root or RUNTIME_ROOT).glob("*")
+    return sorted(path for path in paths if gone(path.name) and path.is_dir())
 
 
 _current: Runtime | None = None
