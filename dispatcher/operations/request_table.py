@@ -63,7 +63,7 @@ class RequestTable:
             tasks,
         )
         self.switching = Switching(layer, self._connected, self.memories.opened, self._part_failed)
-        emission = Emission(layer, self.blocks, self.transport, self.stations.emit, failed)
+        emission = Emission(layer, self.blocks, self.transport, self.stations.emit, tasks)
         self.rows = {
             "create": Row(messages.CreateRequest, self._timed(self.blocks.create)),
             "apply": Row(messages.ApplyRequest, self._timed(self.blocks.apply)),

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.operations import limits
+from dispatcher.operations.analysers import Tasks
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.transport import Transport
 from dispatcher.refusal import Refusal, invalid, not_found, precondition
@@ -101,14 +102,14 @@ class Emission:
         blocks: Operations,
         transport: Transport,
         attempt: Callable[[EmitRequest], Awaitable[None]],
-        failed: Callable[[BaseException], None],
+        tasks: Tasks,
     ) -> None:
-        """Call `attempt` for memories, and `failed` with what ends a wait unexpectedly."""
-        self._attempt = attempt
+        """Call `attempt` for memories."""
+        self._attempt, self._begin = attempt, tasks.begin
         self._sources = layer.network.parts[Kind.SOURCE]
         self._switches = layer.network.switches
         self._blocks, self._transport = blocks, transport
-        self._layer, self._failed = layer, failed
+        self._layer = layer
         # Until when a source makes light, and the last that was to make more then, by node.
         self._busy_ns: dict[str, int] = {}
         self._next: dict[str, asyncio.Task[None]] = {}
@@ -147,9 +148,7 @@ class Emission:
         if not queued and self._busy_ns.get(node, 0) <= self._layer.clock.now_ns():
             self._launch(node, light)
         else:
-            self._next[node] = task = asyncio.create_task(self._launch_behind(before, node, light))
-            self._layer.journal.begun(task)
-            task.add_done_callback(self._ended)
+            self._next[node] = self._begin(self._launch_behind(before, node, light))
         return EmitReply()
 
     async def _launch_behind(
@@ -170,10 +169,6 @@ class Emission:
             for launch in light.launches:
                 self._blocks.discard(node, launch.block)
             raise
-
-    def _ended(self, task: asyncio.Task[None]) -> None:
-        if not task.cancelled() and (error := task.exception()) is not None:
-            self._failed(error)
 
 
 DIRECTIONS = {
