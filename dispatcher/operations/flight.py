@@ -79,15 +79,9 @@ class Arrival:
     """The part of a block that has come to one port."""
 
     end: FiberEnd
-    block: Block
+    beam: Beam
     schedule: Schedule
-    fibers_passed: int
     errors: list[int]  # to how many photons X, Z and XZ happened on the way
-    rotation: int = 0
-    turn: Turn | None = None
-    polarization: Turn | None = None
-    dispersion_ps_per_nm: float = 0.0
-    path_ps: float = 0.0  # in fibres
 
 
 class Flight:
@@ -174,19 +168,8 @@ class Flight:
             noise = beam.noise * photons
             errors = [int(np.count_nonzero(noise == pauli)) for pauli in (1, 2, 3)]
         self._apply(beam, photons)
-        schedule = self._departure.after(beam.delay_ps)
-        return Arrival(
-            end,
-            beam.block,
-            schedule,
-            beam.fibers_passed,
-            errors,
-            rotation=beam.rotation,
-            turn=unseen(beam.turn),
-            polarization=unseen(beam.polarization),
-            dispersion_ps_per_nm=beam.dispersion_ps_per_nm,
-            path_ps=beam.delay_ps,
-        )
+        beam.turn, beam.polarization = unseen(beam.turn), unseen(beam.polarization)
+        return Arrival(end, beam, self._departure.after(beam.delay_ps), errors)
 
     def _apply(self, beam: Beam, photons: Mask) -> None:
         """Let the Paulis that a beam has met so far be in the state of these photons."""

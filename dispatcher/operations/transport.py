@@ -171,7 +171,7 @@ class Transport:
         layer = self._layer
         left, landed = True, False
         while left and (arrival := await flight.next_arrival(layer.clock)):
-            self._land(arrival.block, arrival)
+            self._land(arrival)
             left, landed = flight.has_light, True
         layer.photons_lost += flight.lost
         for dark in flight.give_up():
@@ -183,16 +183,16 @@ class Transport:
             layer.record(end.node, "dark", block, end.port, "no light came out")
         over()
 
-    def _land(self, block: Block, arrival: Arrival) -> None:
-        layer = self._layer
-        block.fibers_passed = arrival.fibers_passed
+    def _land(self, arrival: Arrival) -> None:
+        layer, beam, block = self._layer, arrival.beam, arrival.beam.block
+        block.fibers_passed = beam.fibers_passed
         if block.pulses.turn is not None:
-            block.pulses.turn = block.pulses.turn.behind(arrival.rotation)
-        drift.turn(block, arrival.turn)
-        if arrival.polarization is not None:
-            block.pulses.polarization = arrival.polarization.after(block.pulses.polarization)
-        block.path_ps += arrival.path_ps
-        block.pulses.dispersion_ps_per_nm += arrival.dispersion_ps_per_nm
+            block.pulses.turn = block.pulses.turn.behind(beam.rotation)
+        drift.turn(block, beam.turn)
+        if beam.polarization is not None:
+            block.pulses.polarization = beam.polarization.after(block.pulses.polarization)
+        block.path_ps += beam.delay_ps
+        block.pulses.dispersion_ps_per_nm += beam.dispersion_ps_per_nm
         block.start_ns = arrival.schedule.first_ns
         first, last = 0, block.size - 1
         if block.weak is None:
