@@ -16,7 +16,6 @@ from wire.outcomes import NO_CLICK
 from wire.parameters.physics import INTERRUPTING, Compensator, Device
 
 RATE_HZ = 10_000
-DRIFT_S = 0.1  # a block of 10,000 photons lasts ten times as long
 NODES = 24  # of each quadrature
 
 Theory = dict[str, float]
@@ -31,7 +30,7 @@ async def run(v: Point, seed: int) -> Outcome:
         *TESTED,
         length_km=v.length_km,
         polarization_drift_rad_per_sqrt_km=v.polarization_drift_rad_per_sqrt_km,
-        polarization_drift_time_s=DRIFT_S,
+        polarization_drift_time_s=v.polarization_drift_time_s,
     )
     laboratory = network(seed, [way], bob=Device(compensator=part))
     alice, bob = laboratory.host("alice"), laboratory.host("bob")
@@ -46,6 +45,7 @@ async def run(v: Point, seed: int) -> Outcome:
         wrong.append(int(np.count_nonzero((bits ^ states)[there] & 1)))
         came.append(int(np.count_nonzero(there)))
         sent.append(size)
+        await laboratory.wait(v.gap_s)
     return {"error": ratio(wrong, came), "arrived": ratio(came, sent)}
 
 
@@ -54,7 +54,7 @@ def expected(v: Point) -> Theory:
     rms_rad = v.polarization_drift_rad_per_sqrt_km * math.sqrt(v.length_km)
     places, weights = leggauss(NODES)
     ages_s = v.measuring_s + (v.every_s - v.measuring_s) * (places + 1) / 2
-    errors = [error(rms_rad, math.exp(-age_s / DRIFT_S)) for age_s in ages_s]
+    errors = [error(rms_rad, math.exp(-age_s / v.polarization_drift_time_s)) for age_s in ages_s]
     return {
         "error": float(np.dot(errors, weights) / 2),
         "arrived": 1 - v.measuring_s / v.every_s,

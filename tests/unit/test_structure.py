@@ -278,7 +278,6 @@ NOT_WAITS = {
     "applications/vpn/request.py": {"DEFAULT_S"},
     "evidence/curves/contention.py": {"FOR_EVER_S"},
     "evidence/curves/bb84.py": {"GATE_S"},
-    "evidence/curves/compensation.py": {"DRIFT_S"},
     "evidence/curves/memories.py": {"ATTEMPT_S", "MAX_S"},
     "evidence/curves/packets.py": {"ROUNDING_S"},
     "evidence/curves/photons.py": {"TURNS_S"},

@@ -49,6 +49,14 @@ POINTS: list[tuple[str, Values]] = [
     ("polarization", {"length_km": 4.0, "polarization_drift_rad_per_sqrt_km": 0.2}),
     ("compensation", {"every_s": 0.05, "measuring_s": 0.01}),
     ("compensation", {"every_s": 0.02, "length_km": 16.0}),
+    (
+        "compensation",
+        {
+            "every_s": 0.004,
+            "polarization_drift_rad_per_sqrt_km": 20.0,
+            "polarization_drift_time_s": 10.0,
+        },
+    ),
     ("polarization-modes", {"length_km": 4.0, "pdl_db": 3.0}),
     ("polarization-modes", {"pmd_ps_per_sqrt_km": 2.0, "bandwidth_nm": 2.0, "length_km": 4.0}),
     ("timing", {"jitter_ps": 300.0, "gate_s": 5e-10, "length_km": 1.0, "bandwidth_nm": 1.0}),
