@@ -35,7 +35,8 @@ def settings_for(target: Quaternions, held: Settings, range_rad: float) -> Setti
     tried = _solutions(target[None], held[:3], range_rad)
     if held.size > tried.shape[-1]:
         last = np.append(np.linspace(0, range_rad, CHOICES), held[3])
-        before = product(turn_by(_last(-last)), target)
+        fourth_alone = np.pad(-last[:, None], ((0, 0), (3, 0)))
+        before = product(turn_by(fourth_alone), target)
         tried = _solutions(before, held[:3], range_rad)
         tried = np.concatenate([tried, np.tile(last, 2)[:, None]], axis=1)
     overlaps = np.abs(turn_by(tried) @ target)
@@ -50,13 +51,14 @@ def angle(quaternion: Quaternions) -> float:
     return float(2 * np.arctan2(np.linalg.norm(quaternion[1:]), abs(quaternion[0])))
 
 
+def error_rate(quaternion: Quaternions) -> float:
+    """Return how likely a turn makes a bit wrong, on average of the bases Z and X."""
+    _w, x, y, z = np.square(quaternion)
+    return float((x + z) / 2 + y)
+
+
 def inverse(quaternions: Quaternions) -> Quaternions:
     return quaternions * INVERSE
-
-
-def _last(retardances: Settings) -> Settings:
-    """Return settings of four retarders of which the fourth alone is not 0."""
-    return np.pad(retardances[:, None], ((0, 0), (3, 0)))
 
 
 def _solutions(targets: Quaternions, held: Settings, range_rad: float) -> Settings:

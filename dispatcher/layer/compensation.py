@@ -3,9 +3,10 @@
 The reference comes with the data, by the same fibres: light meets the inverse of the turn that they
 made when its compensator looked last. A look counts when the retarders have moved; until then the
 earlier setting holds, or, if the reference interrupts, light is lost. Looks come at equal intervals
-from the first light on, and from each request on. Only those that light can tell are evaluated. A
-compensator keeps a setting for each path, whose reference is taken to be there before the path is.
-Behind a compensator another reference begins, so that the next one undoes what follows alone.
+from the first light on, and from each request on. Only those that light can tell are evaluated, and
+of error rates those in its time. A compensator keeps a setting for each path, whose reference is
+taken to be there before the path is. Behind a compensator another reference begins, so that the
+next one undoes what follows alone.
 """
 
 from collections import defaultdict
@@ -17,12 +18,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.devices.retarders import Settings, angle, inverse, settings_for, turn_by
+from dispatcher.devices.retarders import (
+    Settings,
+    angle,
+    error_rate,
+    inverse,
+    settings_for,
+    turn_by,
+)
 from dispatcher.fiber.noise import Loss, Schedule
 from dispatcher.fiber.turn import STILL, Quaternions, Turn, of_vectors, product
 from dispatcher.sabot.draws import Draws
 from wire.config import FiberEnd
-from wire.parameters.physics import INTERRUPTING, Compensator, Device
+from wire.parameters.physics import ERROR_RATE, MULTIPLEXED, Compensator, Device
 from wire.parameters.switch import INNER_PORTS
 
 Times = NDArray[np.int64]
@@ -56,9 +64,7 @@ class Intervals:
             number = max((min(first_ns, end_ns) - since_ns) // every_ns - SETTLED, 0)
             start_ns = since_ns + number * every_ns
             looks.append(np.arange(start_ns, min(end_ns, last_ns + 1), every_ns, dtype=np.int64))
-        times_ns = np.concatenate(looks)
-        before = int(times_ns.searchsorted(first_ns, side="right"))
-        return times_ns[max(before - SETTLED, 0) :]
+        return _latest(np.concatenate(looks), first_ns)
 
 
 class Setting(NamedTuple):
@@ -103,34 +109,36 @@ class Compensation:
         return part is not None and _disturbs(part)
 
     def light_begins(self, now_ns: int) -> None:
-        for host, intervals in self._intervals.items():
+        for node, intervals in self._intervals.items():
             if not intervals.since_ns:
-                intervals.begin(self._parts[host].every_s, now_ns)
+                intervals.begin(self._parts[node].every_s, now_ns)
 
-    def look(self, host: str, now_ns: int, every_s: float | None = None) -> float:
+    def look(self, node: str, now_ns: int, every_s: float | None = None) -> float:
         """Look now, and from then on at this interval (None: the device's), which is returned."""
-        every_s = self._parts[host].every_s if every_s is None else every_s
-        self._intervals[host].begin(every_s, now_ns)
+        every_s = self._parts[node].every_s if every_s is None else every_s
+        self._intervals[node].begin(every_s, now_ns)
         return every_s
 
-    def look_now(self, host: str, now_ns: int) -> None:
+    def look_now(self, node: str, now_ns: int) -> None:
         """Look now, and go on at the same interval."""
-        every_ns = self._intervals[host].every_ns
-        self.look(host, now_ns, every_ns[-1] / 1e9 if every_ns else None)
+        every_ns = self._intervals[node].every_ns
+        self.look(node, now_ns, every_ns[-1] / 1e9 if every_ns else None)
 
     def looks(self, first_ns: int, last_ns: int) -> dict[str, Times]:
-        """Return the looks that light can tell which leaves in this time, by host."""
-        intervals = self._intervals.items()
-        return {host: each.between(first_ns, last_ns) for host, each in intervals}
+        """Return the looks that light can tell which leaves in this time, by node."""
+        return {node: each.between(first_ns, last_ns) for node, each in self._intervals.items()}
 
     def correct(
         self, path: Path, looks: Mapping[str, Times], turn: Turn | None, leaves: Schedule
     ) -> Correction:
         """Return what the compensator at the end of a path does to light that leaves so."""
-        host = path[1].node
-        part, mine_ns = self._parts[host], looks[host]
+        part, mine_ns = self._parts[path[1].node], looks[path[1].node]
         looked = np.tile(STILL.quaternions, (mine_ns.size, 1))
-        if turn is not None and turn.looked is not None:
+        if turn is not None and part.reference == ERROR_RATE:
+            mine_ns = mine_ns[mine_ns >= leaves.first_ns]
+            photons = np.array([_first(leaves, look_ns) for look_ns in mine_ns], np.int64)
+            looked = turn.quaternions[turn.stretch(photons)]
+        elif turn is not None and turn.looked is not None:
             looked = turn.looked[every_look(looks).searchsorted(mine_ns)]
         elif not _disturbs(part):
             return Correction(None, None, "")
@@ -143,11 +151,13 @@ class Compensation:
                     f"looked {(leaves.last_ns - look_ns) / 1e9:.3g} s before the last photon left: "
                     f"turn of {angle(met):.3g} rad, {angle(left):.2g} rad left"
                 )
+        all_ns = np.array(sorted(known), np.int64)
+        mine_ns = _latest(all_ns[all_ns <= leaves.last_ns], leaves.first_ns)
         settings = [known[look_ns] for look_ns in mine_ns.tolist()]
-        for old_ns in sorted(known)[:-MOST_KEPT]:
+        for old_ns in all_ns[:-MOST_KEPT].tolist():
             del known[old_ns]
         dark = None
-        if part.reference == INTERRUPTING:
+        if part.reference != MULTIPLEXED:
             dark = np.zeros(leaves.photons, bool)
             for look_ns, setting in zip(mine_ns.tolist(), settings, strict=True):
                 begin, end = _first(leaves, look_ns), _first(leaves, setting.from_ns)
@@ -156,26 +166,34 @@ class Compensation:
 
     def _set(self, path: Path, look_ns: int, met: Quaternions) -> Setting:
         part, known = self._parts[path[1].node], self._settings[path]
-        held = np.zeros(part.retarders)
-        if known:
-            held = known[max(known)].retardances
+        at_rest = Setting(np.zeros(part.retarders), look_ns, STILL.quaternions[0])
+        held = known[max(known)] if known else at_rest
+        wrong = error_rate(product(held.turn, met))
+        if part.reference == ERROR_RATE and wrong <= part.error_limit:
+            return held
         seen = met
         if part.error_rad:
             drawn = self._draws.generator((0, 0, 0), f"look {look_ns} of {path}")
             error = drawn.standard_normal(3) * part.error_rad / sqrt(3)
             seen = product(of_vectors(error), met)
-        retardances = settings_for(inverse(seen), held, part.range_rad)
-        moving_s = float(np.abs(retardances - held).max()) / part.speed_rad_per_s
+        retardances = settings_for(inverse(seen), held.retardances, part.range_rad)
+        moving_s = float(np.abs(retardances - held.retardances).max()) / part.speed_rad_per_s
         from_ns = look_ns + round((part.measuring_s + moving_s) * 1e9)
         return Setting(retardances, from_ns, turn_by(retardances))
 
 
 def _disturbs(part: Compensator) -> bool:
-    return part.error_rad > 0 or part.reference == INTERRUPTING
+    return part.error_rad > 0 or part.reference != MULTIPLEXED
+
+
+def _latest(looks_ns: Times, first_ns: int) -> Times:
+    """Return the last two looks until a time, and those from then on."""
+    before = int(looks_ns.searchsorted(first_ns, side="right"))
+    return looks_ns[max(before - SETTLED, 0) :]
 
 
 def every_look(looks: Mapping[str, Times]) -> Times:
-    """Return the looks of all hosts, ascending."""
+    """Return the looks of all nodes, ascending."""
     return np.unique(np.concatenate([np.zeros(0, np.int64), *looks.values()]))
 
 

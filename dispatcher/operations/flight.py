@@ -112,7 +112,7 @@ class Flight:
 
     def launch(self, end: FiberEnd) -> None:
         self._start = end
-        members = _every_pulse(self._block)
+        members = everything(self._block.register.size)
         self._enter(end, Beam(self._block, members, self._block.fibers_passed))
 
     @property
@@ -142,7 +142,7 @@ class Flight:
             await clock.wait_until(self._queue[0][0])
             time_ns, _number, line, beam = heapq.heappop(self._queue)
             if beam.members.size < beam.block.register.size:  # its photons were drawn meanwhile
-                beam.members = _every_pulse(beam.block)
+                beam.members = everything(beam.block.register.size)
             self._pass(beam, line)
             if self._layer.compensation.at(line.far) is not None and beam.block.weak is None:
                 self._compensate(beam, line.far)
@@ -270,7 +270,7 @@ class Flight:
                 self._layer.record("", "dark", block, detail=f"{obstacle}: {refusal}")
                 self._layer.drawn_for[f"{obstacle} (without room: this light was lost)"] = None
                 return False
-            beam.members = _every_pulse(block)
+            beam.members = everything(block.register.size)
         return True
 
     def _part(self, block: Block, passed: Passed, noise: Noise) -> Block:
@@ -384,10 +384,6 @@ class Flight:
         if np.count_nonzero(photons):
             self._layer.sabot.explain(block.register, cause, photons)
             self.lost += self._layer.sabot.lose(block.register, photons)
-
-
-def _every_pulse(block: Block) -> Mask:
-    return everything(block.register.size)
 
 
 def _is_lit(beam: Beam) -> bool:

@@ -28,10 +28,10 @@ ENCODINGS = ("polarization", "time-bin")
 BEAM_SPLITTER = "beam-splitter"
 ANALYSERS = ("complete", "linear", "gates", BEAM_SPLITTER)  # kinds of Bell analysers
 SCHEMES = ("none", "two-click", "single-click")  # of heralding
-INTERRUPTING = "interrupting"
+MULTIPLEXED, INTERRUPTING, ERROR_RATE = "multiplexed", "interrupting", "error-rate"
 RETARDERS = (0, 3, 4)
 INTERVALS = (1e-3, 1e9)  # s, between looks of a compensator
-REFERENCES = ("multiplexed", INTERRUPTING)  # light that a compensator looks at
+REFERENCES = (MULTIPLEXED, INTERRUPTING, ERROR_RATE)  # what a compensator looks at
 SUM_TOLERANCE = 1e-9  # by which probabilities may miss 1
 # Sources of defaults; 0, infinity, none, and 1 without a unit are ideal and need none.
 IDEAL, OURS, PAPER = "ideal", "our choice", "arXiv:1604.01276"
@@ -356,10 +356,12 @@ class Compensator:
     error_rad: float = parameter(0.0, 0.0, 10.0)  # rms turn that a look is wrong by
     every_s: float = parameter(60.0, *INTERVALS, source=OURS)  # between looks, unless set elsewhere
     # multiplexed: a share of the pulses is reference light, and data goes on;
-    # interrupting: light is lost while the reference is measured and the retarders move.
+    # interrupting: light is lost while the reference is measured and the retarders move;
+    # error-rate: the data itself, light of which is lost likewise, if too much of it is wrong.
     reference: str = choice(*REFERENCES, source=OURS)
     reference_share: float = parameter(0.0, 0.0, 1.0)  # of the pulses, if it is multiplexed
     measuring_s: float = parameter(0.0, 0.0, 1e6)  # of a look, before the retarders move
+    error_limit: float = parameter(0.0, 0.0, 1.0)  # of error-rate: up to it nothing moves
 
     @property
     def loss_db(self) -> float:
@@ -371,10 +373,10 @@ class Compensator:
         check(where, self)
         if self.retarders not in RETARDERS:
             raise BadParameter(f"{where}: retarders {self.retarders!r}: choose 0, 3 or 4")
-        if self.reference == INTERRUPTING and self.reference_share:
+        if self.reference != MULTIPLEXED and self.reference_share:
             raise BadParameter(
-                f"{where}: reference_share {self.reference_share!r} with an interrupting reference;"
-                " choose a multiplexed one, or give measuring_s"
+                f"{where}: reference_share {self.reference_share!r} with the reference "
+                f"{self.reference!r}; choose a multiplexed one, or give measuring_s"
             )
 
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 from wire.features import EMIT, HERALD
 from wire.outcomes import PAULIS
 from wire.parameters.physics import (
+    ERROR_RATE,
     OURS,
     PAPER,
     BadParameter,
@@ -165,6 +166,8 @@ class QuantumSwitch:
         self._check_memories()
         self._check_sources()
         self.compensator.check(f"{self.name}, compensator")
+        if self.compensator.reference == ERROR_RATE:
+            raise BadParameter(f"{self.name} measures no errors: choose light as a reference")
         if self.min_frequency_mhz > self.max_frequency_mhz:
             raise BadParameter(
                 f"{self.name}: min_frequency_mhz {self.min_frequency_mhz} is above "

@@ -96,9 +96,18 @@ def ring() -> Laboratory:
     return Laboratory(DispatcherConfig("", "", 1, tokens, fibers, [], devices=devices))
 
 
-def test_a_compensator_of_a_switch_that_cannot_be_is_refused() -> None:
-    with pytest.raises(BadParameter, match="q1, compensator: retarders 2: choose 0, 3 or 4"):
-        QuantumSwitch("q1", compensator=Compensator(2)).check()
+@pytest.mark.parametrize(
+    ("part", "refusal"),
+    [
+        (Compensator(2), "q1, compensator: retarders 2: choose 0, 3 or 4"),
+        (Compensator(3, reference="error-rate"), "q1 measures no errors: choose light"),
+    ],
+)
+def test_compensators_of_a_switch_that_cannot_be_are_refused(
+    part: Compensator, refusal: str
+) -> None:
+    with pytest.raises(BadParameter, match=refusal):
+        QuantumSwitch("q1", compensator=part).check()
 
 
 @pytest.mark.parametrize("rotation", [0, 1, 2, 3])

@@ -1,6 +1,7 @@
 """Compensators of polarisation, against scipy and simulations apart; 5 sigma, seed 1."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -246,7 +247,11 @@ def test_passive_compensation_leaves_light_exactly_as_it_was() -> None:
         (Compensator(2), "bob: retarders 2: choose 0, 3 or 4"),
         (
             Compensator(3, reference="interrupting", reference_share=0.1),
-            "bob: reference_share 0.1 with an interrupting reference",
+            "bob: reference_share 0.1 with the reference 'interrupting'",
+        ),
+        (
+            Compensator(3, reference="error-rate", reference_share=0.1),
+            "bob: reference_share 0.1 with the reference 'error-rate'",
         ),
     ],
 )
@@ -296,3 +301,55 @@ def test_pulses_of_a_laser_are_lost_to_an_interrupting_reference() -> None:
 
     assert uvloop.run(clicks(Compensator())) != 0
     assert within(uvloop.run(clicks(part)), COUNT, 0.9 * -np.expm1(-0.5))
+
+
+def kept(limit: float) -> float:
+    """Return how likely any turn leaves no more errors than a limit below a half.
+
+    Of a turn by any axis w² + y² is uniform, s, and y² / s is cos² of any angle: on average of Z
+    and X (1 + s cos(2 angle)) / 2 is wrong.
+    """
+    c = 1 - 2 * limit
+    return float((np.arccos(c) - c * np.arccosh(1 / c)) / np.pi)
+
+
+@pytest.mark.parametrize("limit", [0.25, 0.4])
+def test_an_error_rate_beyond_its_limit_has_light_interrupted(limit: float) -> None:
+    """Each of 300 looks sees another turn, of 4 rad rms: any; it takes 100 of 200 pulses."""
+    part = replace(IDEAL, every_s=0.02, measuring_s=0.01, reference="error-rate", error_limit=limit)
+    drift = {"polarization_drift_rad_per_sqrt_km": 4.0, "polarization_drift_time_s": 1e-3}
+    lost = COUNT - wrong(part, **drift).size
+    assert lost % 100 == 0
+    assert within(lost // 100, 300, 1 - kept(limit))
+
+
+def test_an_error_rate_is_undone_as_reference_light_is() -> None:
+    part = replace(IDEAL, every_s=0.05, measuring_s=0.01, reference="error-rate")
+    found = wrong(part)
+    assert found.size == COUNT * 0.8
+    require(found, expected(0.8, 0.05, early_s=0.01))
+
+
+def test_an_error_rate_within_its_limit_moves_nothing() -> None:
+    """Errors are those of light that nothing undoes, by the page of fibres."""
+    part = replace(IDEAL, every_s=0.05, measuring_s=0.01, reference="error-rate", error_limit=1.0)
+    found = wrong(part, polarization_drift_rad_per_sqrt_km=0.2)
+    assert found.size == COUNT
+    require(found, ((1 - np.exp(-(0.2**2) / 3)) / 2, 0.0))
+
+
+def test_there_is_no_error_rate_without_data() -> None:
+    """The setting that the first block has found holds for the next one, which finds no errors."""
+
+    async def found() -> list[NDArray[np.bool_]]:
+        looks: dict[str, Any] = {"every_s": 0.05, "measuring_s": 0.01, "error_limit": 1e-4}
+        part = replace(IDEAL, reference="error-rate", **looks)
+        there = laboratory(part, polarization_drift_time_s=1e9)
+        blocks = [await errors(there, 1000)]
+        await there.wait(10.01)
+        return [*blocks, await errors(there, 1000, 1)]
+
+    first, second = uvloop.run(found())
+    assert (first.size, second.size) == (900, 1000)
+    assert not first.any()
+    assert not second.any()

@@ -177,6 +177,7 @@ DRIFT = {"fiber.polarization_drift_rad_per_sqrt_km": 30.0}
 UNDONE = DRIFT | {"bob.compensator.retarders": 3}
 FAST = {"fiber.polarization_drift_time_s": 0.01}
 SLOW = UNDONE | {"bob.compensator.measuring_s": 1e-7}
+WATCHED = SLOW | {"bob.compensator.reference": "error-rate"}
 PHASE = IN_BINS | {"fiber.phase_drift_rad_per_sqrt_km": 30.0}
 BAD = {"fiber.burst_depolarizing": 1.0, "fiber.burst_start_hz": 1e6}
 WARM = {"rate_hz": 1000, "fiber.length_km": 1.0, "fiber.temperature_slope_k_per_s": 1.0}
@@ -270,6 +271,7 @@ CASES: list[tuple[Act, str, Any, Settings]] = [
     (prepared, "bob.compensator.reference", "interrupting", SLOW),
     (prepared, "bob.compensator.reference_share", 0.5, UNDONE),
     (prepared, "bob.compensator.measuring_s", 1.0, UNDONE),
+    (prepared, "bob.compensator.error_limit", 1.0, WATCHED),
     (prepared, "fiber.birefringence", "compensated", DRIFT),
     (prepared, "fiber.length_km", 1000.0, {}),
     (prepared, "fiber.loss_db_per_km", 1000.0, {}),
