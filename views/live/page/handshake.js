@@ -4,7 +4,7 @@ const SETTLED_S = 1; // behind the beginning of a session: its handshake is over
 const CHEAP_MS = 1000; // to draw it: what takes longer is drawn by the button alone, after the first time
 const AGAIN_MS = 6000; // until what there was not yet is asked for again
 
-export class Drawing {
+export class ServerDrawing {
   constructor(place, button) { // the place has the name of the drawing
     Object.assign(this, { place, button, seen: false, of: null, took: 0, newest: null, busy: false });
     button?.addEventListener("click", () => this.draw());

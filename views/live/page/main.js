@@ -2,7 +2,7 @@
 
 import * as acts from "./acts.js";
 import { Charts } from "./charts.js";
-import { Drawing } from "./handshake.js";
+import { ServerDrawing } from "./handshake.js";
 import { Drawing } from "./network.js";
 import { Networks } from "./networks.js";
 import * as panels from "./panels.js";
@@ -21,7 +21,7 @@ const networks = new Networks(network.number, at("networks"), view, () => status
 const drawing = new Drawing(at("network"), network, choose);
 const SHORTEST_S = 3; // to play it all
 const SETTLED_S = 1.5; // behind the last message: rates, which are of a second, are 0
-const pictures = new Pictures(draw), drawings = [new Drawing(at("handshake"), at("draw")), new Drawing(at("photons"))];
+const pictures = new Pictures(draw), drawings = [new ServerDrawing(at("handshake"), at("draw")), new ServerDrawing(at("photons"))];
 let drawn = { count: -1, t: -1 }, state = timeline.state;
 
 document.title = `${network.name} · qmn`;
