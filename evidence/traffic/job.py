@@ -18,10 +18,10 @@ from evidence.traffic.summary import summary
 from hosts.middleware.services import named
 from hosts.middleware.session.errors import SessionError
 from hosts.network_loop import run as run_loop
-from qmn.jobs.counted_service import swaps_from, with_parts
+from qmn.jobs.counted_service import described, swaps_from
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.network.checks import check_network
-from qmn.network.description import NetworkDescription, describe_network
+from qmn.network.description import NetworkDescription
 from qmn.network.felt_settings import Felt, checked_settings, felt_by
 from qmn.network.light_checks import check_source
 from qmn.options import BadInput, check_ranges
@@ -62,8 +62,9 @@ def checked(
 
     Raise BadInput or BadTopology before anything is started.
     """
-    request = replace(request, network=with_parts(request.service, request.network))
-    network = describe_network(request.network)
+    network = described(request.service, request.network)
+    with_parts = replace(request.network, switch=network.options.switch)
+    request = replace(request, network=with_parts)
     check_network(request.network)
     check_ranges(request.run)
     network = network.paced_for(*request.run.against_steps)

@@ -20,7 +20,7 @@ from qmn.jobs.policies import scheduling_policy, tapping_policy
 from qmn.jobs.run_context import RunContext
 from qmn.network.checks import FROM_TO, LINE, check_network, check_two_hosts
 from qmn.network.custom_topology import is_custom
-from qmn.network.description import NetworkDescription, describe_network
+from qmn.network.description import NetworkDescription, describe_network, no_parts
 from qmn.network.felt_settings import Felt, checked_settings, everything, felt_by
 from qmn.network.light_checks import analysers_from, check_light, weak_pulses
 from qmn.network.options import NetworkOptions
@@ -169,8 +169,9 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     """
     if request.eve is not None:
         request = replace(request, network=eavesdropping.with_eve(request.network))
-    request = replace(request, network=with_parts(request.service, request.network))
-    request, network, felt = fitted(request, describe_network(request.network))
+    network = described(request.service, request.network)
+    with_parts = replace(request.network, switch=network.options.switch)
+    request, network, felt = fitted(replace(request, network=with_parts), network)
     return request, checked_settings(request.service, felt, network)
 
 
@@ -217,23 +218,24 @@ def fitted(
     return replace(request, options=options), network, felt
 
 
-def with_parts(service: str, network: NetworkOptions) -> NetworkOptions:
-    """Return the options with parts in all switches of a topology of ours, if they name none.
+def described(service: str, options: NetworkOptions) -> NetworkDescription:
+    """Return the network with parts in all switches of a topology of ours, if options name none.
 
     Of hosts whose memories emit every second one is as they are, and those between are stations;
     where no switch swaps, all are.
     """
     asked = Service[service.upper()]
-    named = any("analysers=" in word or "parts=" in word for word in network.switch)
-    if named or is_custom(network.topology):
-        return network
-    words = PARTS if asked == Service.SWAP else ()
-    kind = kind_of_all(network.node)
-    if kind and is_heralded(asked, node_device(kind, Device()).features):
-        names = describe_network(replace(network, switch=())).parts.switches
-        kinds = cycle(("station", kind if asked == Service.SWAP else "station"))
-        words = tuple(f"{name}.parts={each}" for name, each in zip(names, kinds, strict=False))
-    return replace(network, switch=(*words, *network.switch))
+
+    def parts(switches: Sequence[str]) -> Sequence[str]:
+        kind = kind_of_all(options.node)
+        if kind and is_heralded(asked, node_device(kind, Device()).features):
+            kinds = cycle(("station", kind if asked == Service.SWAP else "station"))
+            return [f"{name}.parts={each}" for name, each in zip(switches, kinds, strict=False)]
+        return PARTS if asked == Service.SWAP else ()
+
+    named = any("analysers=" in word or "parts=" in word for word in options.switch)
+    own = named or is_custom(options.topology)
+    return describe_network(options, no_parts if own else parts)
 
 
 def with_swaps(options: SwapOptions, sender: str, parts: Description) -> SwapOptions:

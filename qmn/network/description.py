@@ -4,7 +4,7 @@ A topology of ours, one of FILE.py:CLASS and one that a script makes become the 
 `mn --custom` is given is the same Topo.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from topologies.description.description import Description, describe
 from topologies.fabric import fiber_of
 from topologies.links.copper_lengths import assign_copper_lengths
 from topologies.links.fiber import resolved
-from topologies.nodes import QuantumHost
+from topologies.nodes import OpticalSwitch, QuantumHost
 from wire.parameters.fiber import FiberOptics, optics
 from wire.parameters.physics import Device
 
@@ -84,8 +84,18 @@ class NetworkDescription:
         return self.topo
 
 
-def describe_network(options: NetworkOptions) -> NetworkDescription:
-    """Return the network that options name; raise BadTopology for what cannot be."""
+def no_parts(_switches: Sequence[str]) -> Sequence[str]:
+    return ()
+
+
+def describe_network(
+    options: NetworkOptions, switch_parts: Callable[[Sequence[str]], Sequence[str]] = no_parts
+) -> NetworkDescription:
+    """Return the network that options name; raise BadTopology for what cannot be.
+
+    `switch_parts` returns words of --switch for quantum switches of these names; those that the
+    options name come after them.
+    """
     words = part_options(options)
     try:
         named = {name: getattr(options, name) for name in FIBER}
@@ -94,7 +104,7 @@ def describe_network(options: NetworkOptions) -> NetworkDescription:
         every = optics("every fibre", **fiber_of(options.preset, given))
         # So that what cannot be is refused here, and not in the midst of a start.
         fiber_noise.models(resolved(every))
-        return _described(builder(options, given), options, words, every)
+        return _described(builder(options, given), options, switch_parts, every)
     except ValueError as error:
         raise BadTopology(str(error)) from error
 
@@ -102,7 +112,7 @@ def describe_network(options: NetworkOptions) -> NetworkDescription:
 def describe_own(build: Callable[[], Topo], options: NetworkOptions) -> NetworkDescription:
     """Return the network that a script's own topology makes; raise BadTopology."""
     try:
-        return _described(build, options, part_options(options), None)
+        return _described(build, options, no_parts, None)
     except ValueError as error:
         raise BadTopology(str(error)) from error
 
@@ -110,12 +120,14 @@ def describe_own(build: Callable[[], Topo], options: NetworkOptions) -> NetworkD
 def _described(
     build: Callable[[], Topo],
     options: NetworkOptions,
-    words: PartOptions,
+    switch_parts: Callable[[Sequence[str]], Sequence[str]],
     every: FiberOptics | None,
 ) -> NetworkDescription:
     topo = build()
     content = content_of(topo)
-    words = words.of_hosts([host.name for host in content.of(QuantumHost)])
+    given = switch_parts([switch.name for switch in content.of(OpticalSwitch)])
+    options = replace(options, switch=(*given, *options.switch))
+    words = part_options(options).of_hosts([host.name for host in content.of(QuantumHost)])
     words.set_parts(content)
     assign_copper_lengths(topo)
     parts = describe(content)
