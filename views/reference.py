@@ -4,6 +4,7 @@ python -m views.reference > options.md; `make site` has it as a page.
 """
 
 import argparse
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import MISSING, Field, fields
@@ -34,6 +35,9 @@ SETTINGS = ("setting", "unit", "default", "range", "source", "meaning")
 FIELDS = ("field", "unit", "type", "always there", "meaning")
 OF_NO_RANGE = ("bell_diagonal", "decoys", "noise", "noise_parameters")
 OF_FIBERS = {each.name: each for each in fields(FiberOptics)}  # which are options, too
+UNSET = (None, argparse.SUPPRESS, "", [], ())
+IN_HELP = re.compile(r"default: ([^)]*)|(?<=\()(?!default)([^()]*)\)$")
+NO_DEFAULT = ("repeatable", "docs/", "more than once", "or more")  # ends of help, too
 Row = tuple[str, ...]
 
 
@@ -83,11 +87,22 @@ def row_of(action: argparse.Action) -> Row:
     limits = limits or range_of(getattr(action, "range", None))
     if not limits and name and action.dest in OF_FIBERS:
         limits = declared_range(OF_FIBERS[action.dest])
-    default = "" if action.default in (None, argparse.SUPPRESS, [], ()) else f"{action.default}"
-    if action.nargs == 0:  # a switch
-        default = ""
+    default = default_text(action)
     words = f"`{' '.join(filter(None, (name, value)))}`"
     return words, unit_of(action.dest, str(action.metavar)), default, limits, str(action.help or "")
+
+
+def default_text(action: argparse.Action) -> str:
+    """Return the default; of an option without a value of its own, that in its help."""
+    if action.nargs == 0:
+        return "off"
+    if action.required:
+        return "required"
+    if action.default not in UNSET:
+        return f"{action.default}"
+    named = IN_HELP.search(action.help or "")
+    parts = (named[1] or named[2]).split("; ") if named else []
+    return "; ".join(part for part in parts if not part.startswith(NO_DEFAULT)) or "none"
 
 
 def settings(title: str, kind: Any) -> str:
@@ -107,7 +122,7 @@ def settings(title: str, kind: Any) -> str:
 
 
 def default_of(field: "Field[Any]") -> str:
-    return "" if field.default in (MISSING, None) else f"{field.default}"
+    return "none" if field.default in (MISSING, *UNSET) else f"{field.default}"
 
 
 def source_of(field: "Field[Any]") -> str:

@@ -73,6 +73,16 @@ def test_defaults_are_those_of_their_sources() -> None:
     assert (switch.min_frequency_mhz - 193_100_000) % 12_500 == 0
 
 
+def test_every_option_and_setting_has_a_default(pages: dict[str, str]) -> None:
+    rows = [row.split(" | ") for row in ROW.findall(pages["docs/options.md"])]
+    defaults = {row[0]: row[2] for row in rows}
+    assert [name for name, default in defaults.items() if not default.strip()] == []
+    assert defaults["`--eve-hides-db DB`"] == "0"
+    assert defaults["`--time MODE`"] == "stepped where it can be"
+    assert defaults["`--version`"] == "off"
+    assert defaults["`IN_PORT`"] == "required"
+
+
 def test_no_section_is_empty(pages: dict[str, str]) -> None:
     for name in ("docs/messages.md", "docs/api.md"):
         for title, text in re.findall(r"^### (.*)\n((?:(?!##).*\n?)*)", pages[name], re.MULTILINE):
