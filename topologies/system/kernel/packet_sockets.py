@@ -1,8 +1,9 @@
 """The packet sockets of Open vSwitch in user space, one for each port, while bridges are deleted.
 
 The last one to close such a socket waits until no processor can still see it (packet_release in
-Linux's net/packet/af_packet.c): some 15 ms, and Open vSwitch closes one after the other. So this
-process has them as well meanwhile, and then closes all beside each other: these share their waits.
+Linux's net/packet/af_packet.c): some 20 ms. The kernel closes those of a process one after the
+other, also where it ends a namespace. So this process has them as well meanwhile, and closes all
+beside each other, which then share their waits: a tree of 64 hosts ends in .13 s instead of 3.6 s.
 """
 
 import ctypes

@@ -1,7 +1,9 @@
 """Whose something is: a process, by its id, when it started, and since which boot of the machine.
 
-An id alone is given again to others. In words, as 4711-88321-1b4e28ba, an owner names the private
-folder of a run.
+The kernel frees what is in the namespaces of a run. It does not free what is outside: groups of
+hosts' memory, folders of runs and sweeps, and all that a network of `mn --custom` leaves, which has
+no namespaces of its own. An owner in words, as 4711-88321-1b4e28ba, names these; an id alone is
+given again to other processes.
 """
 
 import os
