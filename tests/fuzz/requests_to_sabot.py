@@ -39,21 +39,20 @@ def requests(register: int) -> list[tuple[str, Any]]:
     pick = messages.GatherRequest.Pick(register=register, positions=[0, 2])
     pairs = messages.CreateRequest.BELL_PAIRS
     kraus: dict[str, Any] = {"operators": 1, "real": [1, 0, 0, 1], "imaginary": [0] * 4}
-    both: dict[str, Any] = {"first": register, "second": register + 1}
-    both |= {"first_draws": draws, "second_draws": draws}
+    both: dict[str, Any] = {"other": register + 1, "draws": draws, "other_draws": draws}
     return [
         ("Begin", messages.BeginRequest(backend="chp")),
         ("Create", messages.CreateRequest(workspace=MINE, count=QUBITS, state=pairs)),
         ("Apply", messages.ApplyRequest(**own, paulis=b"\0\1\2\3", gates=[gate, turn])),
-        ("Measure", messages.MeasureRequest(**own, bases=b"\0\1\2\3", draws=draws)),
-        ("BellMeasure", messages.BellMeasureRequest(workspace=MINE, **both)),
-        ("Reset", messages.ResetRequest(**own, mask=b"\x05", draws=draws)),
+        ("Measure", messages.RegisterRequest(**own, bases=b"\0\1\2\3", draws=draws)),
+        ("BellMeasure", messages.RegisterRequest(**own, **both)),
+        ("Reset", messages.RegisterRequest(**own, mask=b"\x05", draws=draws)),
         ("Kraus", messages.KrausRequest(**own, mask=b"\x05", draws=draws, **kraus)),
-        ("Lose", messages.LoseRequest(**own, mask=b"\x02")),
-        ("Part", messages.PartRequest(**own, mask=b"\x03")),
-        ("Unite", messages.UniteRequest(**own, other=register + 1)),
+        ("Lose", messages.RegisterRequest(**own, mask=b"\x02")),
+        ("Part", messages.RegisterRequest(**own, mask=b"\x03")),
+        ("Unite", messages.RegisterRequest(**own, other=register + 1)),
         ("Gather", messages.GatherRequest(workspace=MINE, picks=[pick])),
-        ("Drop", messages.DropRequest(**own, draws=draws)),
+        ("Drop", messages.RegisterRequest(**own, draws=draws)),
         ("Dump", messages.DumpRequest(workspace=MINE, registers=[register], members=QUBITS)),
     ]
 
@@ -71,7 +70,7 @@ class SabotServer:
         for number in range(1, OTHER + 1):
             self._service.Begin(messages.BeginRequest(backend=backend), context)
             if number < MINE:
-                self._service.End(messages.EndRequest(workspace=number), context)
+                self._service.End(messages.RegisterRequest(workspace=number), context)
         for workspace in (MINE, OTHER):
             pairs = messages.CreateRequest.BELL_PAIRS
             for state in (pairs, messages.CreateRequest.ZEROS):

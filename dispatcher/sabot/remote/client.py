@@ -58,7 +58,7 @@ class RemoteSabot:
 
     def __exit__(self, *_error: object) -> None:
         with suppress(SabotUnreachable):
-            self._call(self._stub.End, messages.EndRequest(workspace=self._workspace))
+            self._call(self._stub.End, messages.RegisterRequest(workspace=self._workspace))
         self._channel.close()
 
     @property
@@ -112,34 +112,18 @@ class RemoteSabot:
             self._one_backend = False
 
     def measure(self, register: Register, bases: Bytes, draws: PhotonDraws) -> Bytes:
-        request = messages.MeasureRequest(
-            workspace=self._workspace,
-            register=_number(register),
-            bases=bases.tobytes(),
-            draws=_draws(draws),
-        )
-        return self._outcomes(self._call(self._stub.Measure, request))
+        self._ask("Measure", register, bases=bases.tobytes(), draws=_draws(draws))
+        return self._outcomes()
 
     def bell_measure(
         self, first: Register, second: Register, draws: tuple[PhotonDraws, PhotonDraws]
     ) -> Bytes:
-        request = messages.BellMeasureRequest(
-            workspace=self._workspace,
-            first=_number(first),
-            second=_number(second),
-            first_draws=_draws(draws[0]),
-            second_draws=_draws(draws[1]),
-        )
-        return self._outcomes(self._call(self._stub.BellMeasure, request))
+        own, others = map(_draws, draws)
+        self._ask("BellMeasure", first, other=_number(second), draws=own, other_draws=others)
+        return self._outcomes()
 
     def reset(self, register: Register, mask: Mask, draws: PhotonDraws) -> None:
-        request = messages.ResetRequest(
-            workspace=self._workspace,
-            register=_number(register),
-            mask=packed_mask(mask),
-            draws=_draws(draws),
-        )
-        self._done = self._call(self._stub.Reset, request)
+        self._ask("Reset", register, mask=packed_mask(mask), draws=_draws(draws))
 
     def kraus(
         self, register: Register, operators: Operators, mask: Mask, draws: PhotonDraws
@@ -163,28 +147,18 @@ class RemoteSabot:
             self._done = self._call(self._stub.Kraus, request)
 
     def drop(self, register: Register, draws: PhotonDraws) -> None:
-        request = messages.DropRequest(
-            workspace=self._workspace, register=_number(register), draws=_draws(draws)
-        )
-        self._done = self._call(self._stub.Drop, request)
+        self._ask("Drop", register, draws=_draws(draws))
 
     def lose(self, register: Register, lost: Mask) -> int:
         more = int(np.count_nonzero(register.present & lost))
         if more:
-            request = messages.LoseRequest(
-                workspace=self._workspace, register=_number(register), mask=packed_mask(lost)
-            )
-            self._done = self._call(self._stub.Lose, request)
+            self._ask("Lose", register, mask=packed_mask(lost))
         _mark_lost(register, lost)
         return more
 
     def part(self, register: Register, mask: Mask) -> Register:
-        request = messages.PartRequest(
-            workspace=self._workspace, register=_number(register), mask=packed_mask(mask)
-        )
-        reply = self._call(self._stub.Part, request)
-        self._done = reply.done
-        part = RemoteRegister(register.size, number=reply.registers[0])
+        self._ask("Part", register, mask=packed_mask(mask))
+        part = RemoteRegister(register.size, number=self._done.registers[0])
         part.lost = ~(register.present & mask)
         _mark_lost(register, mask)
         return part
@@ -193,14 +167,13 @@ class RemoteSabot:
         request = messages.GatherRequest(workspace=self._workspace)
         for register, positions in picks:
             request.picks.add(register=_number(register), positions=positions.tolist())
-        reply = self._call(self._stub.Gather, request)
-        self._done = reply.done
+        self._done = self._call(self._stub.Gather, request)
         lost = np.concatenate([~pick.register.present[pick.positions] for pick in picks])
         for register, positions in picks:
             taken = np.zeros(register.size, dtype=bool)
             taken[positions] = True
             _mark_lost(register, taken)
-        gathered = RemoteRegister(lost.size, number=reply.registers[0])
+        gathered = RemoteRegister(lost.size, number=self._done.registers[0])
         if lost.any():
             gathered.lost = lost
         return gathered
@@ -209,17 +182,13 @@ class RemoteSabot:
         pass  # it changes nothing
 
     def unite(self, register: Register, other: Register) -> None:
-        request = messages.UniteRequest(
-            workspace=self._workspace, register=_number(register), other=_number(other)
-        )
-        self._done = self._call(self._stub.Unite, request)
+        self._ask("Unite", register, other=_number(other))
         register.lost = ~(register.present | other.present)
 
     def _create(self, count: int, state: messages.CreateRequest.State) -> list[Register]:
         request = messages.CreateRequest(workspace=self._workspace, count=count, state=state)
-        reply = self._call(self._stub.Create, request)
-        self._done = reply.done
-        return [RemoteRegister(count, number=number) for number in reply.registers]
+        self._done = self._call(self._stub.Create, request)
+        return [RemoteRegister(count, number=number) for number in self._done.registers]
 
     def _apply(
         self,
@@ -237,9 +206,14 @@ class RemoteSabot:
         )
         self._done = self._call(self._stub.Apply, request)
 
-    def _outcomes(self, reply: messages.Outcomes) -> Bytes:
-        self._done = reply.done
-        return np.frombuffer(reply.outcomes, dtype=np.uint8).copy()
+    def _ask(self, method: str, register: Register, **fields: Any) -> None:
+        request = messages.RegisterRequest(
+            workspace=self._workspace, register=_number(register), **fields
+        )
+        self._done = self._call(getattr(self._stub, method), request)
+
+    def _outcomes(self) -> Bytes:
+        return np.frombuffer(self._done.outcomes, dtype=np.uint8).copy()
 
     def _call(self, method: Callable[..., Any], request: object) -> Any:
         try:

@@ -11,13 +11,13 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent import futures
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import grpc
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.refusal import Refusal, exhausted, invalid
+from dispatcher.refusal import Refusal, invalid
 from dispatcher.sabot import limits
 from dispatcher.sabot.backend import Backend, Generators
 from dispatcher.sabot.backends import BACKENDS
@@ -30,7 +30,7 @@ from dispatcher.timeouts import SIMULATOR_STOP_GRACE_S, SIMULATOR_STOP_TIMEOUT_S
 from wire import sabot_pb2 as messages
 from wire.config import BadConfig
 from wire.dispatcher_service import MESSAGE_LIMITS
-from wire.sabot_pb2 import DumpReply
+from wire.sabot_pb2 import DumpReply, RegisterRequest
 from wire.sabot_pb2_grpc import SabotServicer, add_SabotServicer_to_server
 
 LETTERS = "_XZY"
@@ -85,25 +85,38 @@ def stabilizers(state: Backend, member: int) -> str:
     return "\n".join(lines)
 
 
-Request = TypeVar("Request")
-Reply = TypeVar("Reply")
 MAX_DUMPED_MEMBERS = 64
 MAX_DUMPED_REGISTERS = 64
+Reply = messages.Done | DumpReply
+
+
+@contextmanager
+def refusing(context: Any) -> Iterator[None]:
+    """Answer refusals with their gRPC status."""
+    try:
+        yield
+    except TooLarge as error:
+        context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, str(error))
+        raise  # abort has raised already
+    except Refusal as refusal:
+        context.abort(refusal.code, str(refusal))
+        raise
 
 
 def call(
-    method: Callable[["SabotService", Request], Reply],
-) -> Callable[["SabotService", Request, Any], Reply]:
+    method: Callable[["SabotService", Workspace, Any], Reply | None],
+) -> Callable[["SabotService", Any, Any], Reply]:
+    """Look up the workspace of a request, and say in the reply how much is live there."""
+
     @functools.wraps(method)
-    def answer(service: "SabotService", request: Request, context: Any) -> Reply:
-        try:
-            try:
-                return method(service, request)
-            except TooLarge as error:
-                raise exhausted(str(error)) from error
-        except Refusal as refusal:
-            context.abort(refusal.code, str(refusal))
-            raise  # abort has raised already
+    def answer(service: "SabotService", request: Any, context: Any) -> Reply:
+        with refusing(context):
+            workspace = service.workspaces.require(request.workspace)
+            reply = method(service, workspace, request) or messages.Done()
+            done = reply.done if isinstance(reply, DumpReply) else reply
+            done.live_qubits = workspace.sabot.live_qubits
+            done.live_bytes = workspace.sabot.live_bytes
+            return reply
 
     return answer
 
@@ -112,138 +125,115 @@ class SabotService(SabotServicer):
     """Serves workspaces; calls come one at a time."""
 
     def __init__(self, max_live_qubits: int) -> None:
-        self._workspaces = Workspaces(max_live_qubits)
+        self.workspaces = Workspaces(max_live_qubits)
+
+    def Begin(self, request: messages.BeginRequest, context: Any) -> messages.BeginReply:
+        with refusing(context):
+            if request.backend not in BACKENDS:
+                names = ", ".join(sorted(BACKENDS))
+                raise invalid(f"backend {request.backend!r} is unknown; use one of {names}")
+            sabot = Sabot(BACKENDS[request.backend])
+            return messages.BeginReply(workspace=self.workspaces.begin(sabot))
 
     @call
-    def Begin(self, request: messages.BeginRequest) -> messages.BeginReply:
-        if request.backend not in BACKENDS:
-            raise invalid(
-                f"backend {request.backend!r} is unknown; use one of {', '.join(sorted(BACKENDS))}"
-            )
-        sabot = Sabot(BACKENDS[request.backend])
-        return messages.BeginReply(workspace=self._workspaces.begin(sabot))
+    def End(self, _workspace: Workspace, request: RegisterRequest) -> None:
+        self.workspaces.end(request.workspace)
 
     @call
-    def End(self, request: messages.EndRequest) -> messages.Done:
-        self._workspaces.end(request.workspace)
-        return messages.Done()
-
-    @call
-    def Create(self, request: messages.CreateRequest) -> messages.CreateReply:
-        workspace = self._workspaces.require(request.workspace)
+    def Create(self, workspace: Workspace, request: messages.CreateRequest) -> messages.Done:
         limits.require_count(request.count)
         if request.state not in messages.CreateRequest.State.values():
             raise invalid(f"state {request.state} is unknown; use ZEROS or BELL_PAIRS")
         pairs = request.state == messages.CreateRequest.BELL_PAIRS
-        self._workspaces.require_capacity(request.count * (1 + pairs))
+        self.workspaces.require_capacity(request.count * (1 + pairs))
         workspace.require_place(1 + pairs)
         sabot = workspace.sabot
         registers = sabot.bell_pairs(request.count) if pairs else (sabot.zeros(request.count),)
-        numbers = [workspace.add(register) for register in registers]
-        return messages.CreateReply(registers=numbers, done=_done(workspace))
+        return messages.Done(registers=map(workspace.add, registers))
 
     @call
-    def Apply(self, request: messages.ApplyRequest) -> messages.Done:
-        workspace = self._workspaces.require(request.workspace)
+    def Apply(self, workspace: Workspace, request: messages.ApplyRequest) -> None:
         register = workspace.require(request.register)
         paulis = requests.paulis(request.paulis, register)
         steps = requests.steps(workspace, register, request.gates)
         workspace.sabot.require_capacity(register, steps)
         if request.check:
-            return _done(workspace)
+            return
         if paulis is not None:
             workspace.sabot.pauli(register, paulis)
         for step in steps:
             workspace.sabot.gate(step.name, register, step.target, step.angle_rad)
-        return _done(workspace)
 
     @call
-    def Measure(self, request: messages.MeasureRequest) -> messages.Outcomes:
-        workspace = self._workspaces.require(request.workspace)
+    def Measure(self, workspace: Workspace, request: RegisterRequest) -> messages.Done:
         register = workspace.require(request.register)
         bases = requests.bases(request.bases, register)
         draws = requests.draws(request.draws, register)
         outcomes = workspace.sabot.measure(register, bases, draws)
         workspace.remove(request.register)
-        return messages.Outcomes(outcomes=outcomes.tobytes(), done=_done(workspace))
+        return messages.Done(outcomes=outcomes.tobytes())
 
     @call
-    def BellMeasure(self, request: messages.BellMeasureRequest) -> messages.Outcomes:
-        workspace = self._workspaces.require(request.workspace)
-        first, second = (workspace.require(n) for n in (request.first, request.second))
+    def BellMeasure(self, workspace: Workspace, request: RegisterRequest) -> messages.Done:
+        first, second = (workspace.require(n) for n in (request.register, request.other))
         requests.require_pair(first, second)
         draws = (
-            requests.draws(request.first_draws, first),
-            requests.draws(request.second_draws, second),
+            requests.draws(request.draws, first),
+            requests.draws(request.other_draws, second),
         )
         outcomes = workspace.sabot.bell_measure(first, second, draws)
-        workspace.remove(request.first)
-        workspace.remove(request.second)
-        return messages.Outcomes(outcomes=outcomes.tobytes(), done=_done(workspace))
+        workspace.remove(request.register)
+        workspace.remove(request.other)
+        return messages.Done(outcomes=outcomes.tobytes())
 
     @call
-    def Reset(self, request: messages.ResetRequest) -> messages.Done:
-        workspace = self._workspaces.require(request.workspace)
+    def Reset(self, workspace: Workspace, request: RegisterRequest) -> None:
         register = workspace.require(request.register)
         mask = requests.mask(request.mask, register)
         workspace.sabot.reset(register, mask, requests.draws(request.draws, register))
-        return _done(workspace)
 
     @call
-    def Kraus(self, request: messages.KrausRequest) -> messages.Done:
-        workspace = self._workspaces.require(request.workspace)
+    def Kraus(self, workspace: Workspace, request: messages.KrausRequest) -> None:
         requests.require_vectors(workspace)
         register = workspace.require(request.register)
         mask = requests.mask(request.mask, register)
         operators = requests.operators(request, mask)
         draws = requests.draws(request.draws, register)
         workspace.sabot.kraus(register, operators, mask, draws)
-        return _done(workspace)
 
     @call
-    def Lose(self, request: messages.LoseRequest) -> messages.Done:
-        workspace = self._workspaces.require(request.workspace)
+    def Lose(self, workspace: Workspace, request: RegisterRequest) -> None:
         register = workspace.require(request.register)
         workspace.sabot.lose(register, requests.mask(request.mask, register))
-        return _done(workspace)
 
     @call
-    def Part(self, request: messages.PartRequest) -> messages.CreateReply:
-        workspace = self._workspaces.require(request.workspace)
+    def Part(self, workspace: Workspace, request: RegisterRequest) -> messages.Done:
         register = workspace.require(request.register)
         mask = requests.mask(request.mask, register)
         workspace.require_place(1)
-        number = workspace.add(workspace.sabot.part(register, mask))
-        return messages.CreateReply(registers=[number], done=_done(workspace))
+        return messages.Done(registers=[workspace.add(workspace.sabot.part(register, mask))])
 
     @call
-    def Unite(self, request: messages.UniteRequest) -> messages.Done:
-        workspace = self._workspaces.require(request.workspace)
+    def Unite(self, workspace: Workspace, request: RegisterRequest) -> None:
         register, other = (workspace.require(n) for n in (request.register, request.other))
         requests.require_parts(register, other)
         workspace.sabot.unite(register, other)
         workspace.remove(request.other)
-        return _done(workspace)
 
     @call
-    def Gather(self, request: messages.GatherRequest) -> messages.CreateReply:
-        workspace = self._workspaces.require(request.workspace)
+    def Gather(self, workspace: Workspace, request: messages.GatherRequest) -> messages.Done:
         picks = requests.picks(workspace, request.picks)
         workspace.require_place(1)
-        number = workspace.add(workspace.sabot.gather(picks))
-        return messages.CreateReply(registers=[number], done=_done(workspace))
+        return messages.Done(registers=[workspace.add(workspace.sabot.gather(picks))])
 
     @call
-    def Drop(self, request: messages.DropRequest) -> messages.Done:
-        workspace = self._workspaces.require(request.workspace)
+    def Drop(self, workspace: Workspace, request: RegisterRequest) -> None:
         register = workspace.require(request.register)
         workspace.sabot.drop(register, requests.draws(request.draws, register))
         workspace.remove(request.register)
-        return _done(workspace)
 
     @call
-    def Dump(self, request: messages.DumpRequest) -> messages.DumpReply:
-        workspace = self._workspaces.require(request.workspace)
+    def Dump(self, workspace: Workspace, request: messages.DumpRequest) -> DumpReply:
         if request.members > MAX_DUMPED_MEMBERS:
             raise invalid(f"members {request.members}; at most {MAX_DUMPED_MEMBERS} are dumped")
         if not 1 <= len(request.registers) <= MAX_DUMPED_REGISTERS:
@@ -253,16 +243,10 @@ class SabotService(SabotServicer):
         registers = [workspace.require(number) for number in request.registers]
         if len({register.size for register in registers}) > 1:
             raise invalid("the registers have different sizes; dump those of one size together")
-        return messages.DumpReply(
+        return DumpReply(
             backend=workspace.sabot.simulated_by(*registers),
             states=dumped(workspace, registers, request.members),
-            done=_done(workspace),
         )
-
-
-def _done(workspace: Workspace) -> messages.Done:
-    sabot = workspace.sabot
-    return messages.Done(live_qubits=sabot.live_qubits, live_bytes=sabot.live_bytes)
 
 
 MAX_SOCKET_PATH_BYTES = 100

@@ -57,15 +57,15 @@ def gate(name: str, **fields: Any) -> messages.ApplyRequest:
     return messages.ApplyRequest(workspace=1, register=1, gates=gates)
 
 
-def draws(**fields: Any) -> messages.MeasureRequest:
+def draws(**fields: Any) -> messages.RegisterRequest:
     """Return the request to measure with these draws."""
     named = messages.Draws(**{"seed": "1", "purpose": "test", **fields})
-    return messages.MeasureRequest(workspace=1, register=1, draws=named)
+    return messages.RegisterRequest(workspace=1, register=1, draws=named)
 
 
-def measure(**fields: Any) -> messages.MeasureRequest:
+def measure(**fields: Any) -> messages.RegisterRequest:
     """Return the request to measure."""
-    return messages.MeasureRequest(**{"workspace": 1, "register": 1, "draws": DRAWS, **fields})
+    return messages.RegisterRequest(**{"workspace": 1, "register": 1, "draws": DRAWS, **fields})
 
 
 def gather(*picks: tuple[int, list[int]]) -> messages.GatherRequest:
@@ -74,16 +74,16 @@ def gather(*picks: tuple[int, list[int]]) -> messages.GatherRequest:
     return messages.GatherRequest(workspace=1, picks=every)
 
 
-def bell(first: int, second: int) -> messages.BellMeasureRequest:
+def bell(first: int, second: int) -> messages.RegisterRequest:
     """Return the request to Bell-measure."""
-    return messages.BellMeasureRequest(
-        workspace=1, first=first, second=second, first_draws=DRAWS, second_draws=DRAWS
+    return messages.RegisterRequest(
+        workspace=1, register=first, other=second, draws=DRAWS, other_draws=DRAWS
     )
 
 
 REFUSED = [
     ("Begin", messages.BeginRequest(backend="magic"), Code.INVALID_ARGUMENT, "chp, dense, stim"),
-    ("End", messages.EndRequest(workspace=9), Code.NOT_FOUND, "no workspace 9"),
+    ("End", messages.RegisterRequest(workspace=9), Code.NOT_FOUND, "no workspace 9"),
     ("Create", messages.CreateRequest(workspace=9, count=1), Code.NOT_FOUND, "no workspace 9"),
     ("Create", messages.CreateRequest(workspace=1), Code.INVALID_ARGUMENT, "count 0"),
     (
@@ -150,31 +150,31 @@ REFUSED = [
     ("BellMeasure", bell(1, 3), Code.INVALID_ARGUMENT, "must pair up"),
     (
         "Reset",
-        messages.ResetRequest(workspace=1, register=1, mask=b"", draws=DRAWS),
+        messages.RegisterRequest(workspace=1, register=1, mask=b"", draws=DRAWS),
         Code.INVALID_ARGUMENT,
         "0 bytes for 4 qubits",
     ),
     (
         "Lose",
-        messages.LoseRequest(workspace=1, register=1, mask=b"\x1f"),
+        messages.RegisterRequest(workspace=1, register=1, mask=b"\x1f"),
         Code.INVALID_ARGUMENT,
         "behind its last qubit",
     ),
     (
         "Part",
-        messages.PartRequest(workspace=1, register=1, mask=b"\x01\x00"),
+        messages.RegisterRequest(workspace=1, register=1, mask=b"\x01\x00"),
         Code.INVALID_ARGUMENT,
         "2 bytes for 4 qubits",
     ),
     (
         "Unite",
-        messages.UniteRequest(workspace=1, register=1, other=2),
+        messages.RegisterRequest(workspace=1, register=1, other=2),
         Code.INVALID_ARGUMENT,
         "not two parts",
     ),
     (
         "Unite",
-        messages.UniteRequest(workspace=1, register=1, other=1),
+        messages.RegisterRequest(workspace=1, register=1, other=1),
         Code.INVALID_ARGUMENT,
         "named twice",
     ),
@@ -183,7 +183,7 @@ REFUSED = [
     ("Gather", gather((1, [0]), (2, [4])), Code.INVALID_ARGUMENT, "positions[0] is 4"),
     ("Gather", gather((1, [0]), (1, [1])), Code.INVALID_ARGUMENT, "register 1 is picked twice"),
     ("Gather", gather((1, [1, 2, 1])), Code.INVALID_ARGUMENT, "name 1 twice"),
-    ("Drop", messages.DropRequest(workspace=1, register=1), Code.INVALID_ARGUMENT, "seed ''"),
+    ("Drop", messages.RegisterRequest(workspace=1, register=1), Code.INVALID_ARGUMENT, "seed ''"),
     (
         "Dump",
         messages.DumpRequest(workspace=1, registers=[1], members=65),

@@ -336,7 +336,7 @@ def test_workspaces_are_limited_and_apart(tmp_path: Path) -> None:
             stub.Begin(begin)
         with pytest.raises(grpc.RpcError, match="no register 1"):
             stub.Measure(measure(workspace=numbers[0]))
-        stub.End(messages.EndRequest(workspace=1))
+        stub.End(messages.RegisterRequest(workspace=1))
         with pytest.raises(grpc.RpcError, match="no workspace 1"):
             status(stub)
         stub.Begin(begin)
