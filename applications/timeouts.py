@@ -21,6 +21,9 @@ ROUTE_TIMEOUT_S = 3.0  # until it has answered
 TELEMETRY_PERIOD_S = 1.0  # between two looks, unless a subscription says another
 TELEMETRY_LEAST_S = 0.1  # the shortest that it can say
 
+# Instruments, by the wall
+SCPI_POLL_S = 1.0  # between two questions for values that an instrument does not report
+
 # Interception
 RESENT_TIMEOUT_S = 1.0  # for light that has come to an interceptor; its session may be over
 

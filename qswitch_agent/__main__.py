@@ -7,7 +7,6 @@ import signal
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from urllib.parse import urlsplit
 
 import uvloop
 
@@ -16,12 +15,9 @@ from programs.faults import report_fault
 from qswitch_agent.agent import Agent
 from qswitch_agent.bridge import BridgeFault
 from qswitch_agent.hardware.optics import HardwareFault, OpticalHardware
-from qswitch_agent.hardware.scpi import MatrixPort, ScpiSwitch
 from qswitch_agent.hardware.simulated import SimulatedSwitch
 from wire.config import AgentConfig, BadConfig
-from wire.registered import BadPackage
-
-SCPI_PORT = 5025  # registered with IANA as scpi-raw
+from wire.registered import INSTRUMENTS, BadPackage, load, registered
 
 
 def hardware(config: AgentConfig) -> OpticalHardware:
@@ -43,47 +39,16 @@ def hardware(config: AgentConfig) -> OpticalHardware:
                 f"{number} {name} with hardware {config.hardware}: an instrument of "
                 "mirrors has none; leave them out, or let the switch be simulated"
             )
-    host, port = _address(config.hardware)
-    return ScpiSwitch(host, port, _matrix_ports(config))
-
-
-def _address(url: str) -> tuple[str, int]:
-    try:
-        parts = urlsplit(url)
-        port = SCPI_PORT if parts.port is None else parts.port
-    except ValueError as error:
-        raise BadConfig(f"hardware {url!r}: {error}") from error
-    extra = parts.path or parts.query or parts.fragment or parts.username
-    if parts.scheme != "scpi" or not parts.hostname or not port or extra:
+    known = registered(INSTRUMENTS)
+    driver = known.get(config.hardware.partition("://")[0])
+    if driver is None:
+        ways = " or ".join(f"{name}://HOST:PORT" for name in known)
         raise BadConfig(
-            f"hardware {url!r} is not known; leave it empty for the simulated switch or write "
-            "scpi://HOST:PORT"
+            f"hardware {config.hardware!r} is not known; leave it empty for the simulated switch"
+            f"{f' or write {ways}' if ways else ''}"
         )
-    return parts.hostname, port
-
-
-def _matrix_ports(config: AgentConfig) -> dict[int, MatrixPort]:
-    ports: dict[int, MatrixPort] = {}
-    used: set[int] = set()
-    for port in config.fiber_ports:
-        numbers = config.hardware_ports.get(str(port))
-        if not isinstance(numbers, list) or len(numbers) != 2 or not all(map(_is_port, numbers)):
-            raise BadConfig(
-                f"hardware_ports of fibre port {port} are {numbers!r}; name the instrument's "
-                "numbers, as in [1, 17] for ingress 1 and egress 17"
-            )
-        if taken := used & set(numbers) or set(numbers[:1]) & set(numbers[1:]):
-            raise BadConfig(f"hardware_ports name port {min(taken)} of the instrument twice")
-        used |= set(numbers)
-        ports[port] = MatrixPort(*numbers)
-    unknown = sorted(config.hardware_ports.keys() - {str(port) for port in ports})
-    if unknown:
-        raise BadConfig(f"hardware_ports name port {unknown[0]!r}, where no fibre ends")
-    return ports
-
-
-def _is_port(number: object) -> bool:
-    return isinstance(number, int) and not isinstance(number, bool) and number > 0
+    instrument: OpticalHardware = load(driver)(config)
+    return instrument
 
 
 async def serve(config: AgentConfig) -> None:

@@ -13,5 +13,4 @@ LAST_RETRY_S = 1.0  # the same, in the end
 CONDITION_DEADLINE_S = 15.0  # until the hardware has reported its condition, as a network starts
 CALL_DEADLINE_S = 4.0  # until the hardware has executed a command
 STEPPED_DEADLINE_S = 60.0  # the same of simulated hardware, while the network's time stands
-SCPI_POLL_S = 1.0  # between two questions for values that an instrument does not report
 IDLE_POLL_S = 0.25  # between two looks for light paths that carry nothing

@@ -19,6 +19,7 @@ PROGRAMS = "qmn.programs"  # qmn.network.programs.NetworkProgram, for `qmn cli`
 DISSECTORS = "qmn.dissectors"  # a module with LUA, a script, and tables() that it reads
 CLICK_OBSERVERS = "qmn.click_observers"  # begins to observe: of DispatcherConfig and time (ns)
 TELEMETRY = "qmn.telemetry"  # what serves that of a quantum switch: of AgentConfig and Switch
+INSTRUMENTS = "qmn.instruments"  # by scheme of an address: driver of an AgentConfig
 DATAGRAMS = "qmn.datagrams"  # a class of wire.metadata.header.Message: wire.device carries it
 HARDWARE = "qmn.hardware"  # a class of hosts.hardware.qnic.Qnic
 NOISE = "qmn.noise"  # a class with a method effect

@@ -15,7 +15,7 @@ from qmn.scripting import start
 from topologies.links.fiber import FiberLink
 from topologies.nodes import ClassicalSwitch, DispatcherHost, OpticalSwitch, QuantumHost
 
-INSTRUMENT = ROOT / "tests" / "unit" / "qswitch_agent" / "scpi_instrument.py"
+INSTRUMENT = ROOT / "tests" / "unit" / "applications" / "scpi_instrument.py"
 COUNTING = '''
 """A QNIC that writes down how many photons it modulates."""
 

@@ -14,10 +14,10 @@ from target import Target
 from applications.circuits.circuit import Circuit, CircuitError, Source
 from applications.circuits.qasm import read_qasm
 from applications.circuits.reading import read_chp
+from applications.instruments import scpi_link
+from applications.instruments.scpi_link import GarbledReply
 from applications.vpn import tls
 from controller_apps.sessions import snapshot
-from qswitch_agent.hardware import scpi_link
-from qswitch_agent.hardware.scpi_link import GarbledReply
 from qswitch_agent.openflow import matches
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.refusals import Refusal

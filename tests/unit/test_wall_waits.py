@@ -34,7 +34,7 @@ APART = {
     "views/": "serves those outside the network, or draws what a run has left",
     "topologies/networks/iperf.py": "paced: iperf goes by the wall",
     "topologies/system/": "begins, asks or ends what is of this machine, or another",
-    "qswitch_agent/hardware/scpi.py": "paced: instruments run in real time",
+    "applications/instruments/scpi.py": "paced: instruments run in real time",
     "gate/gate.py": "is what steps the time",
     "wire/network_time.py": "is the clock, where the wall paces it",
     "programs/network_timers.py": "likewise its timers",

@@ -7,15 +7,12 @@ import subprocess
 import sys
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
-import pytest
 from limits import SOON_S
 
 from qswitch_agent.__main__ import hardware
-from qswitch_agent.hardware.scpi import ScpiSwitch
 from qswitch_agent.hardware.simulated import SimulatedSwitch
-from wire.config import AgentConfig, BadConfig
+from wire.config import AgentConfig
 
 CONFIG = AgentConfig(
     switch="q1",
@@ -27,7 +24,6 @@ CONFIG = AgentConfig(
     fiber_ports=[2, 3],
 )
 ROOT = Path(__file__).resolve().parents[3]
-MATRIX = {"2": [1, 17], "3": [2, 18]}
 
 
 def kind(config: AgentConfig) -> type:
@@ -43,42 +39,6 @@ def kind(config: AgentConfig) -> type:
 
 def test_without_more_words_the_switch_is_simulated() -> None:
     assert kind(CONFIG) is SimulatedSwitch
-
-
-@pytest.mark.parametrize(
-    "url", ["scpi://192.0.2.7", "scpi://matrix.example:5025", "scpi://[2001:db8::7]:1"]
-)
-def test_an_instrument_is_named_by_its_address(url: str) -> None:
-    assert kind(replace(CONFIG, hardware=url, hardware_ports=MATRIX)) is ScpiSwitch
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"hardware": "gpib://7"}, "hardware 'gpib://7' is not known"),
-        ({"analysers": 2}, "2 analysers with hardware scpi://.*: an instrument of mirrors has"),
-        ({"memories": 1}, "1 memories with hardware scpi://.*: an instrument of mirrors has"),
-        ({"hardware": "192.0.2.7:5025"}, "not known"),
-        ({"hardware": "scpi://"}, "not known"),
-        ({"hardware": "scpi://a:0"}, "not known"),
-        ({"hardware": "scpi://a/path"}, "not known"),
-        ({"hardware": "scpi://a:x"}, "hardware 'scpi://a:x'"),
-        ({"hardware": "scpi://a:70000"}, "out of range"),
-        ({"hardware": ""}, "hardware_ports are given without hardware"),
-        ({"hardware_ports": {}}, "hardware_ports of fibre port 2 are None"),
-        ({"hardware_ports": {"2": [1, 17]}}, "hardware_ports of fibre port 3 are None"),
-        ({"hardware_ports": {**MATRIX, "3": [2]}}, r"fibre port 3 are \[2\]"),
-        ({"hardware_ports": {**MATRIX, "3": [0, 18]}}, "fibre port 3"),
-        ({"hardware_ports": {**MATRIX, "3": ["2", 18]}}, "fibre port 3"),
-        ({"hardware_ports": {**MATRIX, "3": [2, 17]}}, "port 17 of the instrument twice"),
-        ({"hardware_ports": {**MATRIX, "3": [2, 2]}}, "port 2 of the instrument twice"),
-        ({"hardware_ports": {**MATRIX, "9": [3, 19]}}, "name port '9', where no fibre ends"),
-    ],
-)
-def test_hardware_that_cannot_be_is_refused(changes: dict[str, Any], message: str) -> None:
-    named = replace(CONFIG, hardware="scpi://192.0.2.7:5025", hardware_ports=MATRIX)
-    with pytest.raises(BadConfig, match=message):
-        hardware(replace(named, **changes))
 
 
 def test_telemetry_that_cannot_be_ends_the_agent_in_one_line(tmp_path: Path) -> None:

@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 from limits import SOON_S
 
-from qswitch_agent.hardware import scpi
+from applications.instruments import scpi
+from applications.instruments.scpi import MatrixPort, ScpiSwitch
 from qswitch_agent.hardware.optics import (
     Condition,
     CrossConnect,
@@ -20,7 +21,6 @@ from qswitch_agent.hardware.optics import (
     HardwareRefusal,
     Quantity,
 )
-from qswitch_agent.hardware.scpi import MatrixPort, ScpiSwitch
 
 INSTRUMENT = Path(__file__).with_name("scpi_instrument.py")
 # OpenFlow ports 1 to 4; the instrument's ingress 5 with egress 13 is somebody else's.

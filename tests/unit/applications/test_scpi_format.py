@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from qswitch_agent.hardware.scpi_link import (
+from applications.instruments.scpi_link import (
     GarbledReply,
     channels,
     is_error,

@@ -19,8 +19,11 @@ import asyncio
 import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from typing import NamedTuple, TypeVar
+from urllib.parse import urlsplit
 
-from qswitch_agent.hardware import scpi_link
+from applications.instruments import scpi_link
+from applications.instruments.scpi_link import GarbledReply, ScpiLink
+from applications.timeouts import SCPI_POLL_S
 from qswitch_agent.hardware.optics import (
     CircuitReading,
     Condition,
@@ -32,10 +35,11 @@ from qswitch_agent.hardware.optics import (
     Quantity,
     Readings,
 )
-from qswitch_agent.hardware.scpi_link import GarbledReply, ScpiLink
-from qswitch_agent.timeouts import CALL_DEADLINE_S, SCPI_POLL_S
+from qswitch_agent.timeouts import CALL_DEADLINE_S
 from wire.analyser_frames import AnalyserFrame, Emission
+from wire.config import AgentConfig, BadConfig
 
+SCPI_PORT = 5025  # registered with IANA as scpi-raw
 NEVER_MEASURED = frozenset(
     {Quantity.PHOTONS, Quantity.FREQUENCY, Quantity.BIAS, Quantity.TEMPERATURE}
 )
@@ -276,3 +280,45 @@ class ScpiSwitch:
         except HardwareRefusal:
             self._unsupported.add(query)
             return None
+
+
+def instrument(config: AgentConfig) -> ScpiSwitch:
+    """Return the driver that a configuration asks for; raise BadConfig if there is none."""
+    host, port = _address(config.hardware)
+    return ScpiSwitch(host, port, _matrix_ports(config))
+
+
+def _address(url: str) -> tuple[str, int]:
+    try:
+        parts = urlsplit(url)
+        port = SCPI_PORT if parts.port is None else parts.port
+    except ValueError as error:
+        raise BadConfig(f"hardware {url!r}: {error}") from error
+    extra = parts.path or parts.query or parts.fragment or parts.username
+    if parts.scheme != "scpi" or not parts.hostname or not port or extra:
+        raise BadConfig(f"hardware {url!r} is not known; write scpi://HOST:PORT")
+    return parts.hostname, port
+
+
+def _matrix_ports(config: AgentConfig) -> dict[int, MatrixPort]:
+    ports: dict[int, MatrixPort] = {}
+    used: set[int] = set()
+    for port in config.fiber_ports:
+        numbers = config.hardware_ports.get(str(port))
+        if not isinstance(numbers, list) or len(numbers) != 2 or not all(map(_is_port, numbers)):
+            raise BadConfig(
+                f"hardware_ports of fibre port {port} are {numbers!r}; name the instrument's "
+                "numbers, as in [1, 17] for ingress 1 and egress 17"
+            )
+        if taken := used & set(numbers) or set(numbers[:1]) & set(numbers[1:]):
+            raise BadConfig(f"hardware_ports name port {min(taken)} of the instrument twice")
+        used |= set(numbers)
+        ports[port] = MatrixPort(*numbers)
+    unknown = sorted(config.hardware_ports.keys() - {str(port) for port in ports})
+    if unknown:
+        raise BadConfig(f"hardware_ports name port {unknown[0]!r}, where no fibre ends")
+    return ports
+
+
+def _is_port(number: object) -> bool:
+    return isinstance(number, int) and not isinstance(number, bool) and number > 0

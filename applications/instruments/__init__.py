@@ -1,0 +1,1 @@
+"""Optical switches that laboratories own, driven by the agents of quantum switches."""
