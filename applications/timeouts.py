@@ -21,6 +21,11 @@ ROUTE_TIMEOUT_S = 3.0  # until it has answered
 TELEMETRY_PERIOD_S = 1.0  # between two looks, unless a subscription says another
 TELEMETRY_LEAST_S = 0.1  # the shortest that it can say
 
+# Sabot in a process of its own, by the wall
+SIMULATION_TIMEOUT_S = 60.0  # the largest blocks take seconds
+SIMULATOR_STOP_GRACE_S = 0.2  # that calls have to end by themselves
+SIMULATOR_STOP_TIMEOUT_S = 5.0  # behind the grace, for what calls still have to say
+
 # Instruments, by the wall
 SCPI_POLL_S = 1.0  # between two questions for values that an instrument does not report
 

@@ -30,12 +30,11 @@ from dispatcher.recording.writer import QasmWriter
 from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.manager import Sabot
-from dispatcher.sabot.remote.client import RemoteSabot
 from dispatcher.sabot.simulation import Simulation
 from dispatcher.timeouts import WRITING_DELAY_S
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_service import RUNNER
-from wire.registered import CLICK_OBSERVERS, load, only
+from wire.registered import CLICK_OBSERVERS, SIMULATIONS, load, only
 
 M_TRIM_THRESHOLD = -1  # of mallopt(3), from malloc.h
 M_MMAP_THRESHOLD = -3
@@ -52,6 +51,7 @@ def keep_freed_memory() -> bool:
 
 
 BeginObserving = Callable[[DispatcherConfig, int], AbstractContextManager[ClickObserver]]
+ConnectSabot = Callable[[str, str], AbstractContextManager[Simulation]]  # socket, backend
 LEAST_SHARE = 1 << 22  # qubits
 LEAST_BLOCKS = 8192
 LEAST_EVENTS = 1_000_000
@@ -133,7 +133,8 @@ def open_layer(
     journal: Journal | None = None
     sabot: Simulation = Sabot(BACKENDS[config.backend])
     if config.sabot:
-        sabot = stack.enter_context(RemoteSabot(config.sabot, config.backend))
+        connect: ConnectSabot = load(only("--sabot", SIMULATIONS))
+        sabot = stack.enter_context(connect(config.sabot, config.backend))
     if config.qasm:
         dump = Path(config.qasm).open("w", buffering=1)  # noqa: SIM115
         sabot = TracedSabot(sabot, QasmWriter(stack.enter_context(dump)))

@@ -19,8 +19,3 @@ RECEIVE_TIMEOUT_S = 1.0  # not needed: the light has come
 
 # Events
 WRITING_DELAY_S = 0.01  # that they are gathered for before they are written
-
-# Simulator in a process of its own
-SIMULATION_TIMEOUT_S = 60.0  # the largest blocks take seconds
-SIMULATOR_STOP_GRACE_S = 0.2  # as STOP_GRACE_S
-SIMULATOR_STOP_TIMEOUT_S = 5.0  # as STOP_TIMEOUT_S

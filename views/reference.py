@@ -35,7 +35,7 @@ SETTINGS = ("setting", "unit", "default", "range", "source", "meaning")
 FIELDS = ("field", "unit", "type", "always there", "meaning")
 OF_NO_RANGE = ("bell_diagonal", "decoys", "noise", "noise_parameters")
 OF_FIBERS = {each.name: each for each in fields(FiberOptics)}  # which are options, too
-UNSET = (None, argparse.SUPPRESS, "", [], ())
+UNSET: tuple[object, ...] = (None, argparse.SUPPRESS, "", [], ())
 IN_HELP = re.compile(r"default: ([^)]*)|(?<=\()(?!default)([^()]*)\)$")
 NO_DEFAULT = ("repeatable", "docs/", "more than once", "or more")  # ends of help, too
 Row = tuple[str, ...]

@@ -7,9 +7,9 @@ import sys
 # gRPC's own lines about a taken socket would hide ours; it reads this when imported.
 os.environ.setdefault("GRPC_VERBOSITY", "NONE")
 
-from dispatcher.sabot.remote.sabot_servicer import serve
 from programs.faults import report_fault
 from wire.config import BadConfig
+from wire.registered import SIMULATION_SERVERS, BadPackage, load, only
 
 MAX_LIVE_QUBITS = 8_000_000
 
@@ -31,8 +31,9 @@ def main() -> int:
     )
     arguments = parser.parse_args()
     try:
+        serve = load(only("python -m dispatcher.sabot", SIMULATION_SERVERS))
         serve(arguments.socket, arguments.max_live_qubits)
-    except (BadConfig, OSError) as error:
+    except (BadConfig, BadPackage, OSError) as error:
         return report_fault(f"sabot: {error}")
     return 0
 

@@ -10,7 +10,7 @@ from qmn.options import BadInput, check_ranges
 from qmn.project import remedy as remedy_of
 from wire.parameters.checks import NEAR, remedy
 from wire.parameters.network import FRAMEWORKS
-from wire.registered import CLICK_OBSERVERS, TELEMETRY, BadPackage, only
+from wire.registered import CLICK_OBSERVERS, SIMULATIONS, TELEMETRY, BadPackage, only
 
 FROM_TO, LINE = "--from and --to", "--line"  # by which a user says who takes part
 
@@ -33,7 +33,11 @@ def check_network(options: NetworkOptions) -> None:
     if options.keys and Path(options.keys).exists():
         raise BadInput(f"--keys {options.keys} exists: name a new folder for each network")
     try:
-        for option, group in (("gnmi", TELEMETRY), ("tags", CLICK_OBSERVERS)):
+        for option, group in (
+            ("gnmi", TELEMETRY),
+            ("tags", CLICK_OBSERVERS),
+            ("sabot", SIMULATIONS),
+        ):
             if getattr(options, option):
                 only(f"--{option}", group)
     except BadPackage as error:

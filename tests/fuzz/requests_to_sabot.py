@@ -8,8 +8,8 @@ from typing import Any, NoReturn
 
 from spoiling import spoil_fields
 
+from applications.sabot_server.sabot_servicer import SabotService
 from dispatcher.sabot.backends import BACKENDS
-from dispatcher.sabot.remote.sabot_servicer import SabotService
 from wire import sabot_pb2 as messages
 
 QUBITS = 4

@@ -7,8 +7,8 @@ from typing import Any
 
 import grpc
 
+from applications.sabot_server.sabot_servicer import serving
 from dispatcher.sabot.limits import MAX_COUNT
-from dispatcher.sabot.remote.sabot_servicer import serving
 from wire import sabot_pb2 as messages
 from wire.dispatcher_pb2 import (
     CreateRequest,

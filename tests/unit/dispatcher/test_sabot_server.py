@@ -38,14 +38,14 @@ from sabot_scene import (
     stub_of,
 )
 
+from applications.sabot_server import client
+from applications.sabot_server.client import RemoteSabot, SabotUnreachable
+from applications.sabot_server.requests import MAX_WORKSPACES
 from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.sabot.draws import Draws, PhotonDraws
 from dispatcher.sabot.manager import Sabot
 from dispatcher.sabot.registers import Pick, Register
-from dispatcher.sabot.remote import client
-from dispatcher.sabot.remote.client import RemoteSabot, SabotUnreachable
-from dispatcher.sabot.remote.requests import MAX_WORKSPACES
 from dispatcher.sabot.simulation import Simulation
 from wire import sabot_pb2 as messages
 from wire.dispatcher_pb2 import (

@@ -12,6 +12,8 @@ from typing import Any, Self
 import grpc
 import numpy as np
 
+from applications.sabot_server.requests import packed_mask
+from applications.timeouts import SIMULATION_TIMEOUT_S
 from dispatcher.sabot.backend import Angle, Bytes, GateName
 from dispatcher.sabot.capacity import GateStep
 from dispatcher.sabot.dense import TooLarge
@@ -19,8 +21,6 @@ from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.gates import as_clifford
 from dispatcher.sabot.kraus import Operators, of_qubits
 from dispatcher.sabot.registers import Mask, Pick, Register
-from dispatcher.sabot.remote.requests import packed_mask
-from dispatcher.timeouts import SIMULATION_TIMEOUT_S
 from wire import sabot_pb2 as messages
 from wire.dispatcher_service import CHANNEL_OPTIONS
 from wire.sabot_pb2_grpc import SabotStub

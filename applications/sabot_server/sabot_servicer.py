@@ -17,6 +17,9 @@ import grpc
 import numpy as np
 from numpy.typing import NDArray
 
+from applications.sabot_server import requests
+from applications.sabot_server.requests import Workspace, Workspaces
+from applications.timeouts import SIMULATOR_STOP_GRACE_S, SIMULATOR_STOP_TIMEOUT_S
 from dispatcher.refusal import Refusal, invalid
 from dispatcher.sabot import limits
 from dispatcher.sabot.backend import Backend, Generators
@@ -24,9 +27,6 @@ from dispatcher.sabot.backends import BACKENDS
 from dispatcher.sabot.dense import Dense, TooLarge
 from dispatcher.sabot.manager import Sabot
 from dispatcher.sabot.registers import Component, Register, Share
-from dispatcher.sabot.remote import requests
-from dispatcher.sabot.remote.requests import Workspace, Workspaces
-from dispatcher.timeouts import SIMULATOR_STOP_GRACE_S, SIMULATOR_STOP_TIMEOUT_S
 from wire import sabot_pb2 as messages
 from wire.config import BadConfig
 from wire.dispatcher_service import MESSAGE_LIMITS
