@@ -41,8 +41,6 @@ class FiveTuple(NamedTuple):
 
 @dataclass(frozen=True)
 class Segment:
-    """One TCP segment in its frame."""
-
     frame: bytes
     five_tuple: FiveTuple
     sequence: int

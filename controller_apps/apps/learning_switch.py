@@ -50,7 +50,6 @@ class LearningSwitch(App):
 
     @on(ofp_event.EventOFPPacketIn, MAIN)
     def packet_arrived(self, event: Any) -> None:
-        """Learn the sender's port, and forward to the receiver's or to all others."""
         message = event.msg
         if not self.takes(message):
             return

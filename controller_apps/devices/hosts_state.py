@@ -119,7 +119,6 @@ class Hosts:
         return Datagram(message, host, number).seal(self.keys[host], Datagram.FROM_CONTROLLER)
 
     def silent(self, host: str, now: float) -> bool:
-        """Whether a host has not been heard for longer than it should."""
         return now - self.states[host].heard > SILENT_AFTER * self.reporting.period_s
 
     def _subscription(self) -> tuple[int, int, int]:

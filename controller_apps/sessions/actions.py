@@ -89,8 +89,6 @@ class AddBypass:
 
 @dataclass(frozen=True)
 class RemoveBypass:
-    """Undo AddBypass."""
-
     dpid: int
     five_tuple: FiveTuple
     session: int

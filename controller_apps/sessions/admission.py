@@ -264,7 +264,6 @@ def _over(
 
 
 def _broken(broken: Sequence[Obstacle]) -> Admission:
-    """Return the refusal that names what is cut or stuck."""
     detail = "; ".join(obstacle.text for obstacle in broken)
     host = next((obstacle.address for obstacle in broken if obstacle.address), "")
     reason = Reason.FIBER_CUT if host else Reason.PATH_BROKEN

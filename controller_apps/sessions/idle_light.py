@@ -168,7 +168,6 @@ class IdleLight:
 
 
 def _setup(watch: Watch, number: int, opener: str) -> Setup:
-    """Return the set-up that the opener will send."""
     return Setup(
         number,
         min(MONITORS),

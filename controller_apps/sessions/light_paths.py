@@ -99,7 +99,6 @@ class Light:
         return dark
 
     def is_broken(self, session: Session) -> bool:
-        """Tell whether light cannot pass all its paths."""
         return not self.network.is_whole(session.hops)
 
     def move(self, session: Session, now: float) -> list[Action] | None:

@@ -158,8 +158,6 @@ def new_request(
 
 @dataclass
 class Session:
-    """A session that the controller has registered."""
-
     number: int
     setup: Setup
     owner: FiveTuple

@@ -141,7 +141,6 @@ class Setups:
 
 
 def _hosts(request: Request) -> Hosts:
-    """Return where the hosts are that a set-up message goes between."""
     assert request.held is not None
     acceptor, opener = (request.held.segment.frame[at : at + 6] for at in (0, 6))
     addresses = {Receivers.OPENER: opener, Receivers.ACCEPTOR: acceptor}

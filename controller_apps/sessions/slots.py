@@ -104,7 +104,6 @@ class Slots:
         )
 
     def _forget_those_over(self) -> None:
-        """Release the slots of requests that wait no more."""
         for five_tuple in self.reserved.keys() - self.sessions.queue.keys():
             reserved = self.reserved.pop(five_tuple)
             taken = self._taken[reserved.slot]

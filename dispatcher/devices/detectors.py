@@ -271,7 +271,6 @@ class DetectorPair:
         )
 
     def _seen(self, light: list[Slots], train: Train, random: PhotonRandom) -> Seen:
-        """Return the clicks of both detectors, light and what they do without."""
         counts = [random.events(f"dark count {which}", self._dark) for which in (0, 1)]
         watched = [
             detector.watch(union(slots, dark), train, random.at(str(which)))

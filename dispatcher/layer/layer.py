@@ -161,7 +161,6 @@ class PhysicalLayer:
         )
 
     def drop(self, block: Block) -> None:
-        """Discard a block whatever its state."""
         self.memories.forget(block)
         if block.weak is None:
             purpose = block.draws_for("discard")

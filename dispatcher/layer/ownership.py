@@ -30,8 +30,6 @@ MOST_REPEATED = 65_536  # numbers of a session whose uses are counted
 
 
 class UsedNumbers:
-    """The block numbers of a session."""
-
     def __init__(self) -> None:
         self._begins: list[int] = []
         self._ends: list[int] = []  # of ranges; the last number and one more
@@ -66,8 +64,6 @@ class UsedNumbers:
 
 
 class UsedNames:
-    """The numbers of all sessions."""
-
     def __init__(self) -> None:
         self._sessions: dict[int, UsedNumbers] = {}
 

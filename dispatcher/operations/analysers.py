@@ -67,8 +67,6 @@ class Reports:
 
 
 class Tasks:
-    """The waits and measurements of parts of switches."""
-
     def __init__(self, layer: PhysicalLayer, failed: Callable[[BaseException], None]) -> None:
         """Call `failed` with what ends a task unexpectedly."""
         self._layer, self._failed = layer, failed
@@ -88,8 +86,6 @@ class Tasks:
 
 
 class Analysers:
-    """The analysers of all switches."""
-
     def __init__(
         self,
         layer: PhysicalLayer,
@@ -126,7 +122,6 @@ class Analysers:
         self._reports.add(node, BellOutcomes(end=BellOutcomes.MEASURED))
 
     def fail(self, node: str) -> None:
-        """End the wait of light at an analyser that has failed."""
         for (place, _port), blocks in list(self._waiting.items()):
             for block in list(blocks) if place == node else ():
                 self._end_alone(block, BellOutcomes.FAILED)

@@ -65,7 +65,6 @@ class PlannedGate(NamedTuple):
 
     @property
     def step(self) -> GateStep:
-        """Return what Sabot is asked."""
         target = self.target.register if self.target else None
         return GateStep(self.name, target, self.angle_rad)
 
@@ -98,7 +97,6 @@ class Operations:
         self.pairs_created = 0
 
     def create(self, node: str, request: CreateRequest) -> Feedback:
-        """Make a block of Bell pairs or of photons in given states at the node."""
         layer = self._layer
         if request.state not in STATES:
             raise invalid(f"state {request.state} is unknown; use {', '.join(STATE_NAMES)}")
@@ -216,7 +214,6 @@ class Operations:
             layer.photons_lost += device_noise.meet(layer.sabot, layer.draws, other, lost, "made")
 
     def _make(self, request: CreateRequest, states: Bytes | None) -> Sequence[Register]:
-        """Return new registers, one for each half."""
         sabot = self._layer.sabot
         if states is not None:
             return [emission.prepare(sabot, states)]

@@ -60,8 +60,6 @@ class Departure:
 
 @dataclass
 class Beam:
-    """Light of one block on one way."""
-
     block: Block  # the part of it that is on this way
     members: Mask  # pulses of it, whether or not any photon is still there
     fibers_passed: int

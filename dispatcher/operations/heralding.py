@@ -62,7 +62,6 @@ class Heralding:
             await asyncio.wait(self._news)
 
     def offer(self, node: str, request: AttemptRequest) -> Offer:
-        """Return the attempt of a node's qubits to emit into one of its ports."""
         layer, name, port = self._layer, block_name(request.block), request.port
         frequency_mhz = request.frequency_mhz or DEFAULT_FREQUENCY_MHZ
         cutoff_s = cutoff.requested(request)

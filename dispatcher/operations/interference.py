@@ -228,7 +228,6 @@ class Interference:
         return self._layer.sabot.measure(register, np.full(register.size, Z, np.uint8), draws)
 
     def _paired(self, first: Photons, second: Photons) -> Left:
-        """Bell-measure photons that are alone in their arms."""
         if not first.pulses.size:
             return NOTHING
         draws = [

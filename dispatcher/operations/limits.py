@@ -174,7 +174,6 @@ def _require_angle(gate: str, angle_rad: float) -> None:
 
 
 def require_steps(count: int) -> None:
-    """Refuse an empty or too long order."""
     if not 1 <= count <= MAX_STEPS:
         raise invalid(f"{count} steps; send 1 to {MAX_STEPS} in an order")
 
@@ -224,7 +223,6 @@ def require_source_rate(block: Block, rate_hz: int) -> None:
 
 
 def timeout(timeout_s: float, most_s: float = MAX_TIMEOUT_S) -> float:
-    """Return the time-out, up to a limit."""
     if not timeout_s > 0:
         raise invalid(f"timeout_s {timeout_s} is not positive; say how long to wait")
     return min(timeout_s, most_s)

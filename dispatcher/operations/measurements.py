@@ -54,7 +54,6 @@ class Measurements:
         self._layer = layer
 
     def measure(self, node: str, request: MeasureRequest) -> Feedback:
-        """Measure and use up every photon, each in its basis."""
         layer = self._layer
         block = layer.ownership.require(block_name(request.block), node)
         hardware.require(layer.devices, node, MEASURE)
@@ -204,7 +203,6 @@ class Measurements:
                 self._layer.sabot.require_capacity(register, [DIAGONAL])
 
     def bell_measure(self, node: str, request: BellMeasureRequest) -> Feedback:
-        """Measure and use up pairs of photons in the Bell basis."""
         names = block_name(request.first), block_name(request.second)
         first, second = (self._layer.ownership.require(name, node) for name in names)
         return self.bell_measure_blocks(node, first, second, request.packed)

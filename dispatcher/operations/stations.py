@@ -49,8 +49,6 @@ class Attempts:
 
 
 class Stations:
-    """The stations of all switches."""
-
     def __init__(
         self, layer: PhysicalLayer, heralding: Heralding, reports: Reports, tasks: Tasks
     ) -> None:
@@ -114,7 +112,6 @@ class Stations:
                 self._end(node, closed, BellOutcomes.CLOSED)
 
     def fail(self, node: str) -> None:
-        """End the attempts at a station that has failed."""
         if part := self._layer.network.analysers.get(node):
             self._end(node, part.ports, BellOutcomes.FAILED)
 

@@ -46,8 +46,6 @@ from wire.parameters.switch import HALVES, Kind
 
 
 class SwitchMemories:
-    """The memories of all switches."""
-
     def __init__(
         self,
         layer: PhysicalLayer,
@@ -207,7 +205,6 @@ class SwitchMemories:
             self._reports.add(block.node, report, self._numbers[block])
 
     def fail(self, node: str) -> None:
-        """End the wait of light in a memory that has failed."""
         self._end(node, BellOutcomes.FAILED, "refused")
 
     def _end(self, node: str, end: "BellOutcomes.End", count: str) -> None:

@@ -106,7 +106,6 @@ def job(request: ServiceRequest, network: NetworkDescription) -> runner.Job:
 
 
 def length_of(options: ServiceOptions, verb: Verb) -> Length:
-    """Return how long a session goes on."""
     if options.lasts_s:
         return Length("seconds", ceil(options.lasts_s), "elapsed_s")
     return Length(verb.unit.replace("_", " "), options.count, verb.unit)

@@ -36,8 +36,6 @@ Start = Callable[[str, str, Sequence[str]], Program]  # on a host, in a role, wi
 
 @dataclass(frozen=True)
 class Job:
-    """A job of two hosts over a network."""
-
     service: str
     options: SessionOptions  # what the opener asks for, checked
     opener: str

@@ -160,7 +160,6 @@ def pairs_of(options: SuperdenseOptions, size: int) -> int:
 
 
 def message_size(request: SuperdenseRequest) -> int:
-    """Return how many bytes are to be sent."""
     if request.message is not None:
         return len(request.message.encode())
     file = request.file or MESSAGE

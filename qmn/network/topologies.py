@@ -31,8 +31,6 @@ from wire.registered import registered
 
 @dataclass(frozen=True)
 class Topology:
-    """A topology that is known by name."""
-
     build: Callable[..., Topo]
     text: str
     parameters: tuple[str, ...]  # in the order in which values without names are taken

@@ -128,7 +128,6 @@ def percentiles(times: list[float]) -> SetUpTimes:
 
 
 def network_facts(network: Network) -> NetworkFacts:
-    """Return what a running network is made of."""
     runtime = network.runtime
     copper = [
         [link.intf1.node.name, link.intf1.name, link.intf2.node.name, link.intf2.name]

@@ -69,7 +69,6 @@ def coding(figures: SentFigures) -> dict[str, str]:
 
 
 def number_text(value: Any) -> str:
-    """Return a number as people read it."""
     if value is None:
         return "not known"
     if isinstance(value, bool):

@@ -23,8 +23,6 @@ class LaidFiber:
 
 @dataclass(frozen=True)
 class Description:
-    """The quantum part of a network."""
-
     hosts: Mapping[str, Device]  # those that have light
     switches: Mapping[str, QuantumSwitch]
     fibers: tuple[LaidFiber, ...]

@@ -79,6 +79,5 @@ class Start:
         return reached
 
     def close(self) -> None:
-        """Disconnect from the gate."""
         if self._client is not None:
             self._client.close()

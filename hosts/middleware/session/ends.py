@@ -139,8 +139,6 @@ class End(ConnectionEnd):
 
 @dataclass
 class OpenerEnd(End):
-    """The end that asked for the session."""
-
     arrangement: Arrangement = field(kw_only=True)
     answer: Answer = field(kw_only=True)  # of the other end, to the set-up
     theirs: NodeFeatures = field(kw_only=True)  # of the other end; nothing where it does not tell
@@ -163,8 +161,6 @@ class OpenerEnd(End):
 
 @dataclass
 class AcceptorEnd(End):
-    """The end that was asked."""
-
     deliver: Callable[[bytes], Awaitable[None]] = field(kw_only=True)  # bytes to the application
     join: Join | None = None  # serves a further connection of the session
 

@@ -23,8 +23,6 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Expected:
-    """Light under way."""
-
     coming: asyncio.Task[Any]
     blocks: tuple[BlockName, ...]
 

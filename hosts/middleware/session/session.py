@@ -65,8 +65,6 @@ class Session:
 
 
 class OpeningSession(Session):
-    """A session that this host asks for."""
-
     _end: OpenerEnd | None
 
     def __init__(
@@ -160,8 +158,6 @@ class OpeningSession(Session):
 
 
 class AcceptingSession(Session):
-    """A session that another host has asked for."""
-
     _end: AcceptorEnd | None
 
     def __init__(

@@ -224,7 +224,6 @@ def _attribute(kind: int, value: bytes) -> bytes:
 
 
 def set_up(name: str) -> None:
-    """Set an interface of this thread's namespace up."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as kernel:
         answer = fcntl.ioctl(kernel, SIOCGIFFLAGS, _request(name))
         (flags,) = struct.unpack_from("=h", answer, 16)
@@ -241,7 +240,6 @@ def set_address(name: str, address: str) -> None:
 
 
 def set_mtu(name: str, mtu: int) -> None:
-    """Let an interface of this thread's namespace send packets of at most `mtu` bytes."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as kernel:
         fcntl.ioctl(kernel, SIOCSIFMTU, _request(name, struct.pack("=i", mtu)))
 

@@ -83,7 +83,6 @@ def _load_module() -> None:
 def _begin(
     program: Callable[[str], Program], name: str, command: list[str], is_ready: Callable[[], bool]
 ) -> None:
-    """Start a daemon, and wait until it is ready."""
     _own[name] = daemon = program(name)
     daemon.start(command)
     deadline = time.monotonic() + OPENVSWITCH_TIMEOUT_S

@@ -250,7 +250,6 @@ class Program:
         return lines[-1] if lines else ""
 
     def end(self) -> str:
-        """Return how it ended, for an error message."""
         status = self.status or 0
         if status < 0:
             return f"killed by {signal.Signals(-status).name}"

@@ -261,7 +261,6 @@ class Runtime:
         return str(own / f"{name}.sock")
 
     def program(self, name: str) -> Program:
-        """Return a new program, watched from now on."""
         program = Program(name, self.private_file(f"{name}.log"))
         self.programs.append(program)
         return program

@@ -25,8 +25,6 @@ DIAGONAL = np.diag_indices(SYMBOLS)
 
 @dataclass
 class _Incoming:
-    """A frame under way at the receiver."""
-
     frame: Frame
     symbols: Symbols
     # Further arrivals for each place, wrong or repeated symbols: (pairs, 4) counts.

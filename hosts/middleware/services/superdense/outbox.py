@@ -26,8 +26,6 @@ LEAST_ARRIVALS = (
 
 @dataclass
 class _Outgoing:
-    """A frame under way."""
-
     data: bytes
     symbols: Symbols | None = None  # made when they are first wanted for themselves
 
