@@ -14,10 +14,6 @@ def project() -> dict[str, Any]:
     return found
 
 
-def name_and_version() -> str:
-    return "{name} {version}".format_map(project())
-
-
 class ShowVersion(argparse.Action):
     """Prints name and version, and ends the program; only then is the file read."""
 
@@ -25,7 +21,7 @@ class ShowVersion(argparse.Action):
         super().__init__(option_strings, argparse.SUPPRESS, nargs=0, **value)
 
     def __call__(self, parser: argparse.ArgumentParser, *_given: Any) -> None:
-        print(name_and_version())
+        print("{name} {version}".format_map(project()))
         parser.exit()
 
 

@@ -49,7 +49,8 @@ def encode_session(session: Session) -> bytes:
 
     Light that comes with each pair is not kept: the next pair asks for it again.
     """
-    requests = list(islice(filter(_is_kept, session.requests.values()), MAX_KEPT_REQUESTS))
+    waiting = (each for each in session.requests.values() if each.held is None and each.lasts)
+    requests = list(islice(waiting, MAX_KEPT_REQUESTS))
     paths = session.paths if session.light_owner == session.owner else ()
     data = SESSION.pack(session.seen, len(requests), len(paths))
     for request in requests:
@@ -68,10 +69,6 @@ def encode_session(session: Session) -> bytes:
         data += PATH.pack(path.loss_mdb, path.rotation, len(path.hops))
         data += b"".join(HOP.pack(*hop) for hop in path.hops)
     return data
-
-
-def _is_kept(request: Request) -> bool:
-    return request.held is None and request.lasts
 
 
 def decode_session(data: bytes, now: float) -> Session:

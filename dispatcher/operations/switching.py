@@ -329,7 +329,9 @@ class Switching:
         layer, stuck = self._layer, switch.stuck
         open_circuits = switch.timeline.open_circuits
         requested, circuits = dict(stuck), {**(stuck_circuits or {})}
-        circuits |= {i: open_circuits[i] for i, o in stuck.items() if _is_open(switch, i, o)}
+        circuits |= {
+            i: open_circuits[i] for i, o in stuck.items() if switch.timeline.connections.get(i) == o
+        }
         for connection in self._wanted.get(switch.name, ()):
             in_port, out_port = connection.in_port, connection.out_port
             if stuck.get(in_port) == out_port or _is_free(stuck, in_port, out_port):
@@ -346,10 +348,6 @@ class Switching:
         ]
         layer.history.record(*events)
         return ready_ns
-
-
-def _is_open(switch: OpticalSwitch, in_port: int, out_port: int) -> bool:
-    return switch.timeline.connections.get(in_port) == out_port
 
 
 def _is_free(stuck: dict[int, int], in_port: int, out_port: int) -> bool:

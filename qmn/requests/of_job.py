@@ -46,8 +46,5 @@ def _without_effect(verb: Verb) -> set[str]:
     beside = {each.name for part in ServiceRequest.__mro__[1:-1] for each in fields(part)}
     own = {each.name for part in parts_of(verb) for each in fields(part)}
     others = {"receiver"} if verb.line else set()
-    return (beside - own) | others | (set() if verb.source else {"source"}) | _no_keys(verb)
-
-
-def _no_keys(verb: Verb) -> set[str]:
-    return set() if verb.keys else {each.name for each in fields(KeySettings)}
+    keys = set() if verb.keys else {each.name for each in fields(KeySettings)}
+    return (beside - own) | others | (set() if verb.source else {"source"}) | keys

@@ -56,9 +56,5 @@ def services_of(name: str) -> tuple[str, ...]:
     return VERBS[name].protocols or (name,)
 
 
-def verb_name(service: str) -> str:
-    return next(name for name in VERBS if service in services_of(name))
-
-
 def verb_of(service: str) -> Verb:
-    return VERBS[verb_name(service)]
+    return next(verb for name, verb in VERBS.items() if service in services_of(name))

@@ -90,7 +90,7 @@ def channels_of(link: Link) -> list[Channel]:
 
 def _names(*nodes: Node) -> dict[str, str]:
     return {
-        f"intfName{number}": qnic_name(node)
+        f"intfName{number}": f"{node.name}-q{len(qnics(node))}"
         for number, node in enumerate(nodes, 1)
         if not isinstance(node, Switch)
     }
@@ -98,10 +98,6 @@ def _names(*nodes: Node) -> dict[str, str]:
 
 def _strand(end: FiberEnd) -> str:
     return f"{end.node} {end.port}"
-
-
-def qnic_name(host: Node) -> str:
-    return f"{host.name}-q{len(qnics(host))}"
 
 
 def qnics(host: Node) -> list[str]:
