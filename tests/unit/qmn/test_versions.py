@@ -14,6 +14,7 @@ from wire.metadata import header
 from wire.results.run_result import SCHEMA, KeysJob
 from wire.results.schema import head_of
 
+# qkd_1 is of a service that applications register.
 KEPT_IN = Path(__file__).parent / "results"
 KEPT = sorted(KEPT_IN.glob("*.json"))
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "versions.md").read_text()
