@@ -5,7 +5,7 @@ SHELL := /bin/bash
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
 .PHONY: help setup installed packages strongswan notebooks install uninstall run-sdc test test-docker lint types unit \
-    emulation test-swarm commands nightly mutants chaos fuzz bench live-speed curves labs picture recording lab-pictures site release image clean \
+    emulation test-swarm commands nightly mutants chaos fuzz bench live-speed curves labs pictures recording lab-pictures site release image clean \
     lock browser q0-programs house
 
 PYTHON := .venv/bin/python
@@ -153,8 +153,9 @@ curves: setup ## Check the physics against theory and published figures, and dra
 labs: setup ## Hold published results beside runs of the network (runs/labs/; ARGS=--resume goes on)
 	bin/qmn lab published --all $(value ARGS)
 
-picture: setup ## Rebuild the README's picture of a report
-	@setup/picture
+pictures: setup ## Rebuild the pictures of reports and of the live page (docs/gallery/)
+	@setup/browser
+	@$(AS_ROOT) $(PYTHON) setup/pictures.py
 
 recording: .venv/site ## Record docs/minute.cast again, which the site plays
 	@setup/recording
