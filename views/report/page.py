@@ -21,7 +21,7 @@ from views.report.run_facts import RunFacts, read_run
 from views.report.sentences import of_eve, sentence
 from views.titles import TITLES
 from wire.device import OF_LIGHT, setting_name
-from wire.results.figures import Figures, SentFigures
+from wire.results.figures import Figures, LoadFigures, SentFigures
 from wire.results.run_result import KeysJob, LoadJob, NetqasmJob
 
 # Figures that the page begins with; the table below them has all.
@@ -36,6 +36,7 @@ MAIN = frozenset(
     }
 )
 UNITS = {"_per_s": "/s", "_s": " (s)", "_ms": " (ms)", "_rad": " (rad)"}
+MOST_NAMED = 8  # hosts in a title
 LAST_COUNTS = "Counts are the sender's; figures may include later events."
 # Of a page that has no script: a run may be another person's.
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
@@ -56,7 +57,10 @@ def write_report(folder: Path) -> Path:
 
 def page(run: RunFacts) -> str:
     name, result = escape(run.folder.name), run.result
-    title = escape(f"{TITLES.get(result.service, result.service)}: {', '.join(result.hosts)}")
+    many = len(result.hosts) > MOST_NAMED
+    hosts = f"{len(result.hosts)} hosts" if many else ", ".join(result.hosts)
+    job = "load" if isinstance(result.asking, LoadFigures) else result.service
+    title = escape(f"{TITLES.get(job, job)}: {hosts}")
     return "\n".join(
         [
             '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">',

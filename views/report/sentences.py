@@ -5,10 +5,13 @@ from views.titles import TITLES
 from wire.results.figures import (
     EveFigures,
     KeyFigures,
+    LoadFigures,
     PairFigures,
     SealFigures,
     SentFigures,
+    StoredKeyFigures,
     TeleportFigures,
+    TunnelFigures,
 )
 from wire.results.run_result import NetqasmJob, ServiceJob
 
@@ -100,6 +103,14 @@ def _of_states(result: RunResult) -> str:
         case SealFigures() as found:
             verdict = "Alarm: somebody measures" if found.alarm else "No alarm"
             return f"{verdict}, {found.compared:,} pairs of {begin} and {end} compared"
+        case LoadFigures() as found:
+            return f"{found.accepted:,} of {found.sessions:,} sessions had light"
+        case TunnelFigures() as found:
+            file = "the file arrived intact" if found.file_intact else "the file is not whole"
+            return f"{file}, {found.received_bytes:,} bytes under {found.keys_used:,} keys"
+        case StoredKeyFigures() as found:
+            text = f"{found.keys:,} keys of {begin} and {end} in {found.sessions:,} sessions"
+            return f"{text}, {found.sessions_without_key:,} of them without a key"
     match vars(result.asking):  # of a line of hosts, whichever service it is
         case {"states": states, "hosts": hosts, "fidelity": float(mean), "fidelity_error": error}:
             bounds = max(mean - NORMAL_95 * error, 0.0), min(mean + NORMAL_95 * error, 1.0)
