@@ -165,7 +165,7 @@ class QuantumSwitch:
             )
         self._check_memories()
         self._check_sources()
-        self.compensator.check(f"{self.name}, compensator")
+        replace(Device(), compensator=self.compensator).check(self.name)
         if self.compensator.reference == ERROR_RATE:
             raise BadParameter(f"{self.name} measures no errors: choose light as a reference")
         if self.min_frequency_mhz > self.max_frequency_mhz:

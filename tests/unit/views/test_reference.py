@@ -23,10 +23,10 @@ def page() -> str:
     "row",
     [
         "| `--loss-budget-db DB` | dB | 30.0 | 0 to 1000 | most loss of a light path (30) |",
-        "| `--length-km KM` | km |  | 0 to 20000 | length of every fibre (0.01) |",
+        "| `--length-km KM` | km | 0.01 | 0 to 20000 | length of every fibre (0.01) |",
         "| `efficiency` |  | 1.0 | 0 to 1 | ideal | of storing and reading together |",
         "| `pauli_z` |  | 0.0 | 0 to 1 | ideal | probability of Z, for each photon |",
-        "| `down\\|up` |  |  | down, up | what to do |",
+        "| `down\\|up` |  | required | down, up | what to do |",
     ],
 )
 def test_a_row_has_unit_default_range_and_source(page: str, row: str) -> None:

@@ -222,7 +222,7 @@ class Program:
 
     def _queued_s(self) -> float:
         """Return how long its first thread was ready to run and had no processor (schedstat(5))."""
-        if self._elsewhere:
+        if self._elsewhere or self._process is None:
             return 0.0
         try:
             return int(Path(f"/proc/{self.pid}/schedstat").read_text().split()[1]) / 1e9
