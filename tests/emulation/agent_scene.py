@@ -5,6 +5,7 @@ The dispatcher is a gRPC server that says what the test says, so that it can be 
 
 import os
 import queue
+import re
 import select
 import shutil
 import signal
@@ -433,7 +434,10 @@ def _running_switch(folder: Path, controllers: int, fiber_ports: Sequence[int]) 
             controller.accept()
             controller.agree()
         # A bridge that stands while other tests run hears nothing from its controllers for long.
-        run("ovs-vsctl", "set", "controller", BRIDGE, "inactivity_probe=600000")
+        for row in re.findall(
+            r"[0-9a-f-]{36}", run("ovs-vsctl", "get", "bridge", BRIDGE, "controller")
+        ):
+            run("ovs-vsctl", "set", "controller", row, "inactivity_probe=600000")
         yield switch
         if switch.agent.poll() is None:
             assert switch.end_agent() == 0, switch.log.read_text()
