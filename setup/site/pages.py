@@ -28,7 +28,7 @@ LANGUAGES = {
     ".cff": "yaml",
     "": "text",
 }
-PICTURES = {".png", ".svg"}
+PICTURES = {".png", ".svg", ".webp"}
 RECORDING = ".cast"  # of a terminal
 PLAYER = "asciinema-player"
 MADE = {  # pages that a module prints
