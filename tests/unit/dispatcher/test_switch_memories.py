@@ -68,6 +68,11 @@ async def states(scene: Scene) -> list[tuple[int, ...]]:
     return [(each.held, each.stored, each.released, each.cut_off, each.refused) for each in found]
 
 
+async def oldest(scene: Scene) -> list[int]:
+    """Return when the first of what each memory holds came (ns), 0 of an empty one."""
+    return [each.oldest_ns for each in (await scene.bench.switch.statistics()).memories]
+
+
 async def swapped(scene: Scene) -> np.ndarray[Any, Any]:
     """Return the outcomes of a block that was measured."""
     report = await scene.report()
@@ -85,6 +90,7 @@ def agreement(folder: Path, basis: Any, wait_s: float, **memory: Any) -> tuple[f
         await require_stored(scene, ONE, TWO)
         assert await states(scene) == [(PAIRS, PAIRS, 0, 0, 0)] * 2
         came_ns = [b.start_ns for n in (1, 2) for b in at(scene, n)]
+        assert await oldest(scene) == came_ns
         scene.clock.time_ns = sum(came_ns) // 2 + round(wait_s * 1e9)  # the sum is twice the wait
         await scene.bench.switch.connect(*STORING, *LEADING)
         report = await scene.report()
@@ -92,6 +98,7 @@ def agreement(folder: Path, basis: Any, wait_s: float, **memory: Any) -> tuple[f
         assert report.waited_ns == round(wait_s * 1e9) + 100  # which the switch takes
         outcomes = np.frombuffer(report.outcomes, np.uint8)
         assert await states(scene) == [(0, PAIRS, PAIRS, 0, 0)] * 2
+        assert await oldest(scene) == [0, 0]
         found.append(await correlated(scene, outcomes, basis))
         found.append(int(np.count_nonzero(outcomes != 255)))
 
