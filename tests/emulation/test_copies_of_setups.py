@@ -1,5 +1,7 @@
 """Copies of set-up messages on copper of several switches."""
 
+import re
+import subprocess
 from pathlib import Path
 
 from fabric_scene import facts, running, session
@@ -25,10 +27,23 @@ class TwoHallsTopo(QuantumTopo):
         self.addFibers("q1", "q2", 3)
 
 
+def packets_with_metadata(bridge: str) -> int:
+    """Return how many packets of the metadata port a switch's own table has counted."""
+    command = ["ovs-ofctl", "-O", "OpenFlow14", "dump-flows", bridge]
+    entries = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    return sum(
+        int(found[1])
+        for line in entries.splitlines()
+        if "tp_dst=9010" in line and (found := re.search(r"n_packets=(\d+)", line))
+    )
+
+
 def test_each_switch_on_the_way_has_seen_the_setup_before_its_light(tmp_path: Path) -> None:
     with running(TwoHallsTopo, tmp_path, metadata_at_switch="required") as network:
         with session(network, "alice", "bob") as opened:
             assert opened.carry(b"seen by both") == b"seen by both"
+            counted = {name: packets_with_metadata(name) for name in ("q1", "q2")}
+        assert all(counted.values()), counted
         (granted,) = [each for each in facts(network, "granted") if "copies_ms" in each]
         after_ms = granted["copies_ms"]
         assert isinstance(after_ms, dict)

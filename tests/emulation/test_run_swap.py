@@ -33,7 +33,8 @@ def run(runs: Path, *options: str) -> dict[str, Any]:
     ],
 )
 def test_pairs_come_by_way_of_switches(tmp_path: Path, topology: str, swaps: int) -> None:
-    result = run(tmp_path, "--topology", topology, "--count", "1000")
+    required = ("--metadata-at-switch", "required")  # every switch has seen the set-up itself
+    result = run(tmp_path, "--topology", topology, "--count", "1000", *required)
     assert result["delivered"] is True
     alice, bob = result["job"]["asking"], result["job"]["asked"]
     assert (alice["pairs"], alice["fidelity"]) == (bob["pairs"], bob["fidelity"]) == (1000, 1)

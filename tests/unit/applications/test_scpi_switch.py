@@ -21,6 +21,7 @@ from qswitch_agent.hardware.optics import (
     HardwareRefusal,
     Quantity,
 )
+from wire.analyser_frames import AnalyserFrame, Emission, End
 
 INSTRUMENT = Path(__file__).with_name("scpi_instrument.py")
 # OpenFlow ports 1 to 4; the instrument's ingress 5 with egress 13 is somebody else's.
@@ -157,6 +158,21 @@ def test_ports_cannot_be_tuned() -> None:
     async def scene(bench: Bench) -> None:
         with pytest.raises(HardwareRefusal, match="port 1 cannot be tuned"):
             await bench.switch.tune(1, 193_400_000, None)
+
+    play(scene)
+
+
+def test_a_matrix_switch_has_neither_analysers_nor_memories_nor_sources() -> None:
+    async def scene(bench: Bench) -> None:
+        await bench.switch.read()
+        with pytest.raises(HardwareRefusal, match="has no Bell analysers"):
+            await bench.switch.watch_analysers(lambda _report: None)
+        with pytest.raises(HardwareRefusal, match="has no memory at port 61001"):
+            await bench.switch.keep(AnalyserFrame(61_001, 1, End.STORED, 1))
+        with pytest.raises(HardwareRefusal, match="has no source of pairs at port 62001"):
+            await bench.switch.emit(62_001, Emission(1, 1, 10, 1000, 193_400_000))
+        await bench.switch.set_cross_connects([CrossConnect(2, 1)])  # it goes on
+        assert await bench.connections() == "(@2),(@9)"
 
     play(scene)
 
