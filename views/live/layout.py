@@ -40,6 +40,11 @@ def described(facts: NetworkFacts) -> dict[str, Any]:
             }
             for fiber in facts.fibers
         ],
+        "parts": {  # by the ports of switches that lead to them
+            f"{switch.name}:{number}": port.node(switch.name)
+            for switch in facts.switches
+            for number, port in switch.inner_ports.items()
+        },
         "copper": [list(ends) for ends in sorted(copper) if set(ends) <= places.keys()],
         "source": facts.source,
         # As the controller's record has them: switches by datapath ids, hosts by addresses.

@@ -155,11 +155,12 @@ def _describe_setup(setup: Setup) -> str:
 
 def _quantum_steps(events: Sequence[Event], network: NetworkFacts) -> Iterator[Step]:
     """Yield light as it travels, from its sending to its arrival, and what is done to it."""
-    inside = {name for switch in network.switches for name in (switch.name, *switch.inner_devices)}
+    switches = {switch.name for switch in network.switches}
+    parts = {part for switch in network.switches for part in switch.inner_devices}
     landings = [event for event in events if event.kind == "arrive"]
 
     def lane(event: Event) -> str:
-        return switches_lane(network) if event.node in inside else event.node
+        return switches_lane(network) if event.node in switches | parts else event.node
 
     for event in events:
         if event.kind == "send":
@@ -175,7 +176,7 @@ def _quantum_steps(events: Sequence[Event], network: NetworkFacts) -> Iterator[S
                     yield Step(QUANTUM, lane(event), event.time_ns, text, *ends)
                 continue
         if event.kind != "arrive":
-            yield Step(QUANTUM, lane(event), event.time_ns, _describe_event(event, inside))
+            yield Step(QUANTUM, lane(event), event.time_ns, _describe_event(event, switches, parts))
     for event in landings:
         text = f"arrive {event.photons:,}{_lost(event)}"
         yield Step(QUANTUM, lane(event), event.time_ns, text)
@@ -193,11 +194,10 @@ def _lost(event: Event) -> str:
     return f", {event.lost:,} lost" if event.lost else ""
 
 
-def _describe_event(event: Event, inside: set[str]) -> str:
-    """Describe what happened at a host, or inside a switch, of whose parts the name comes first."""
-    if event.kind in ("open", "close"):
+def _describe_event(event: Event, switches: set[str], parts: set[str]) -> str:
+    if event.node in switches:
         return f"{event.node} {event.kind} {event.detail.replace(' -> ', '→')}"
-    who = f"{event.node} " if event.node in inside else ""
+    who = f"{event.node} " if event.node in parts else ""
     lost = "" if event.kind == "bell-measure" else _lost(event)  # there of one half alone
     counts = f" {event.photons:,}{lost}" if event.photons else ""
     outcomes = event.detail.partition(": ")[2] if event.kind == "bell-measure" else ""

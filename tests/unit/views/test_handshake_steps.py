@@ -32,6 +32,7 @@ from views.report.sequence import (
     together,
 )
 from wire import typed_json
+from wire.dispatcher_pb2 import Event
 from wire.malformed import MalformedPacket
 from wire.metadata.blocks import Block, Emission, Emit, Emitted, Finish, Frame, Report
 from wire.metadata.decoding import KINDS
@@ -50,12 +51,14 @@ def test_what_happens_in_parts_of_a_switch_is_in_the_column_of_switches(tmp_path
     sent.node, sent.port, stored.node, stored.port = "q1-memory1", "61001", "q2-analyser1", "60001"
     measured = next(event for event in events() if event.kind == "bell-measure")
     measured.node = "q2-analyser1"
-    steps, _more = handshake(tmp_path, network, [sent, stored, measured], 6653)
+    fault = Event(time_ns=measured.time_ns, node="q1", kind="fault", detail="stuck 1 -> 2")
+    steps, _more = handshake(tmp_path, network, [sent, stored, measured, fault], 6653)
     inside = [(step.lane, step.to_lane, step.text) for step in steps if step.layer == QUANTUM]
     column = switches_lane(network)
     assert inside == [
         (column, "", "q1-memory1→q2-analyser1 100 photons, 40 lost"),
         (column, "", "q2-analyser1 bell-measure 100 Phi+=60"),
+        (column, "", "q1 fault stuck 1→2"),
     ]
 
 

@@ -38,6 +38,8 @@ def test_light_from_a_source_in_a_switch_into_a_memory_of_another_is_drawn(
     chromium: Browser, tmp_path: Path, text: list[str]
 ) -> None:
     view = live(tmp_path)
+    switches = [replace(each, memories=2, sources=1) for each in NETWORK.switches]
+    view.network = described(replace(NETWORK, switches=switches))
     with served(view) as url:
         page = opened(chromium, url, text)
         tell(view, 1.0, "open", "q1", port="62001", detail="62001 -> 3")

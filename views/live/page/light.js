@@ -6,16 +6,8 @@ const LONG_S = 0.2; // of a block: its own rate is that of its light
 const GLOW_S = 1; // in which a light path that has closed is remembered: many last for milliseconds
 const LONGEST_FLIGHT_S = 60; // of a block; those of which nothing has been heard for longer are lost
 
-const PARTS = [[65280, ""], [63001, "memory", 1], [62001, "source", 2], [61001, "memory", 1], [60001, "analyser", 2]]; // first port, ports of each
-
-// The part of a switch that a port of it leads to, as "q1-memory2"; empty for a port where a fibre ends.
-export function part(port) {
-  const [node, number] = port.split(":"), [first, kind, each] = PARTS.find(([first]) => number >= first) ?? [];
-  return kind ? `${node}-${kind}${Math.floor((number - first) / each) + 1}` : "";
-}
-
-// Where light leaves or comes: the port of a host, or a part of a switch.
-const place = (m) => (m.port && part(`:${m.port}`) ? m.node : m.port);
+// Where light leaves or comes: the port of a host, or a part of a switch, whose ports have numbers.
+const place = (m) => (/^\d+$/.test(m.port ?? "") ? m.node : m.port);
 
 export function block(m) {
   return `${m.session} ${m.block}/${m.half}`;

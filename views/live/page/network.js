@@ -1,6 +1,6 @@
 // The drawing of the network: nodes, copper, fibres; light and photons where they are.
 
-import { part, rate, sending, wayFrom } from "./light.js";
+import { rate, sending, wayFrom } from "./light.js";
 import { around, Taken } from "./layout.js";
 import { end } from "./state.js";
 
@@ -155,7 +155,8 @@ export class Drawing {
 
   // Light paths that stand, or did until just now: from where to where, by which fibres and switches.
   paths(state) {
-    const found = [], inside = new Set([...state.ways.keys(), ...state.closed.keys()].filter(part));
+    const found = [], part = (port) => this.network.parts[port];
+    const inside = new Set([...state.ways.keys(), ...state.closed.keys()].filter(part));
     for (const port of [...this.fibers.keys()].filter((each) => !each.includes(":")).concat(...inside)) {
       const hops = this.follow(inside.has(port) ? `${port.split(":")[0]}:${wayFrom(state, port)}` : port, state);
       if (!hops.length) continue;
@@ -201,7 +202,7 @@ export class Drawing {
       const way = wayFrom(state, far);
       if (way === undefined) return [];
       at = `${far.split(":")[0]}:${way}`;
-      if (part(at)) return hops;
+      if (this.network.parts[at]) return hops;
     }
     return [];
   }
