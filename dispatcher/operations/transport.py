@@ -195,9 +195,8 @@ class Transport:
         block.pulses.dispersion_ps_per_nm += beam.dispersion_ps_per_nm
         block.start_ns = arrival.schedule.first_ns
         first, last = 0, block.size - 1
-        if block.weak is None:
-            lit = extra_pairs.lit(block)
-            first, last = int(lit.argmax()), lit.size - 1 - int(lit[::-1].argmax())
+        if block.weak is None and (lit := extra_pairs.lit(block)).any():
+            first, last = int(lit.argmax()), lit.tobytes().rfind(1)
         block.first_ns = arrival.schedule.time_ns(first)
         block.last_ns = arrival.schedule.time_ns(last)
         end = arrival.end

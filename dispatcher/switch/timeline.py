@@ -46,7 +46,7 @@ class Circuit:
     def count(self, passed: NDArray[np.bool_], times_ns: Times, first: int = 0) -> None:
         photons = int(np.count_nonzero(passed))
         if photons:
-            last = first + len(passed) - 1 - int(passed[::-1].argmax())
+            last = first + passed.tobytes().rfind(1)
             self.count_light(photons, int(times_ns[last]))
 
 
