@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
+import dask
 from distributed import Client, Future, LocalCluster, Security
 
 from evidence.curves.catalogue import measure
@@ -32,6 +33,8 @@ def local_client(workers: int) -> Iterator[Client]:
     """Start worker processes here; they end with this context."""
     with (
         scratch_folder() as folder,
+        # On a busy machine a living worker can be silent for minutes; a dead one closes its socket.
+        dask.config.set({"distributed.scheduler.worker-ttl": None}),
         LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
@@ -94,6 +97,7 @@ def measured(
             except queue.Empty:
                 workers.require_some()
                 continue
+            workers.seen()
             left -= 1
             values = futures[future]
             yield values, _result(future, experiment.place(values))
@@ -123,14 +127,16 @@ class _Workers:
 
     def __init__(self, client: Client) -> None:
         self._client = client
+        self.seen()
+
+    def seen(self) -> None:
         self._seen_s = time.monotonic()
 
     def require_some(self) -> None:
         """Raise SweepError if there has been no worker for NO_WORKER_TIMEOUT_S."""
-        now_s = time.monotonic()
         if self._client.scheduler_info()["workers"]:
-            self._seen_s = now_s
-        elif now_s - self._seen_s > NO_WORKER_TIMEOUT_S:
+            self.seen()
+        elif time.monotonic() - self._seen_s > NO_WORKER_TIMEOUT_S:
             raise SweepError(
                 f"the Dask scheduler has had no worker for {NO_WORKER_TIMEOUT_S:g} s: "
                 "start `dask worker` for it"

@@ -330,3 +330,8 @@ def test_a_key_that_no_sheet_has_is_refused(tmp_path: Path, place: str) -> None:
     (file := tmp_path / "sheets.toml").write_text(SHEET.replace(f"{place} =", "colour ="))
     with pytest.raises(BadGrid, match="colour"):
         sheets.read(file)
+
+
+def test_a_busy_worker_of_this_machine_is_not_restarted() -> None:
+    with cluster.local_client(0) as client:
+        assert client.run_on_scheduler(lambda dask_scheduler: dask_scheduler.worker_ttl) is None
