@@ -8,7 +8,7 @@ than half of the time of an ideal block.
 """
 
 import ctypes
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import TextIO
@@ -34,6 +34,7 @@ from dispatcher.sabot.simulation import Simulation
 from dispatcher.timeouts import WRITING_DELAY_S
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_service import RUNNER
+from wire.parameters.physics import Device
 from wire.registered import CLICK_OBSERVERS, SIMULATIONS, load, only
 
 M_TRIM_THRESHOLD = -1  # of mallopt(3), from malloc.h
@@ -77,10 +78,7 @@ def build_layer(
         devices |= switch.inner_devices
     hardware = Devices(devices)
     devices |= {switch.name: switch.parts for switch in config.switches}
-    if unknown := config.devices.keys() - config.tokens.keys():
-        raise BadConfig(f"devices of {', '.join(sorted(unknown))}: there are no such hosts")
-    if not config.history_depth and any(each.compensator.retarders for each in devices.values()):
-        raise BadConfig("compensators look at what fibres did: give history_depth 1 or more")
+    _check(config, devices)
     sabot, draws = sabot or Sabot(BACKENDS[config.backend]), Draws(config.seed)
     news, compensation = NewsDelays(config.news_s), Compensation(devices, draws)
     return PhysicalLayer(
@@ -100,6 +98,14 @@ def build_layer(
         time=config.time,
         news=news,
     )
+
+
+def _check(config: DispatcherConfig, devices: Mapping[str, Device]) -> None:
+    if unknown := config.devices.keys() - config.tokens.keys():
+        raise BadConfig(f"devices of {', '.join(sorted(unknown))}: there are no such hosts")
+    compensates = any(device.compensator.retarders for device in devices.values())
+    if compensates and not config.history_depth:
+        raise BadConfig("compensators look at what fibres did: give history_depth 1 or more")
 
 
 def _history(

@@ -58,16 +58,12 @@ class MapTopo(FabricTopo):
         self.add_dispatcher(self.next_address())
         names = self.add_quantum_switches(len(read.places))
         switches = {place.name: q for place, q in zip(read.places, names, strict=True)}
-        distances: Distances = {place.name: {} for place in read.places}
         for link in read.links:
-            own = {"length_km": link.length_km}
+            lengths = {"length_km": link.length_km}
             if link.loss_db_per_km is not None and "loss_db_per_km" not in fiber:
-                own["loss_db_per_km"] = link.loss_db_per_km
-            self.join(switches[link.one], switches[link.other], int(fibers), **own)
-            for one, other in ((link.one, link.other), (link.other, link.one)):
-                distances[one][other] = min(
-                    link.length_km, distances[one].get(other, link.length_km)
-                )
+                lengths["loss_db_per_km"] = link.loss_db_per_km
+            self.join(switches[link.one], switches[link.other], int(fibers), **lengths)
+        distances = distances_of(read)
         sources = self._add_sources(read, chosen(read, sources_at), distances, switches)
         self._add_hosts(places, sources, distances, switches)
         self.positions = positions_of(read, switches, sources)
@@ -112,6 +108,16 @@ def waiting_for_the_other_half(device: Device) -> Device:
         return device
     endless = BellAnalyser(delay_line_db_per_km=0.0, delay_line_km=MOST_DELAY_KM)
     return replace(device, analyser=endless)
+
+
+def distances_of(read: Map) -> Distances:
+    """Return the shortest link between each two places that a link joins, in km."""
+    distances: Distances = {place.name: {} for place in read.places}
+    for link in read.links:
+        for one, other in ((link.one, link.other), (link.other, link.one)):
+            length_km = min(link.length_km, distances[one].get(other, link.length_km))
+            distances[one][other] = length_km
+    return distances
 
 
 def chosen(read: Map, named: str) -> list[Place]:

@@ -1,5 +1,6 @@
 """Starts q0, the interface whose packets travel by light, on all hosts of a running network."""
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from ipaddress import IPv4Address, IPv4Network, IPv6Address, IPv6Network
 from pathlib import Path
@@ -51,13 +52,28 @@ def light_address6(address: str, mtu: int) -> str:
     return str(IPv6Address(int(NETWORK6.network_address) | number))
 
 
-def start_ip_over_light(network: Network, wanted: IpOverLight | None = None) -> dict[str, str]:
+def start_ip_over_light(network: Network, settings: IpOverLight | None = None) -> dict[str, str]:
     """Start q0 on every host that can receive; it is up when this returns.
 
     Return the addresses by host; raise NetworkError if one cannot start.
     """
-    wanted, runtime = wanted or IpOverLight(), network.runtime
-    hosts = [node for node in runtime.hosts if isinstance(node, QuantumHost)]
+    settings, runtime = settings or IpOverLight(), network.runtime
+    able = hosts_with_light(network)
+    light = {name: light_address(runtime.addresses[name]) for name in able}
+    if len(set(light.values())) < len(light):
+        raise NetworkError("two hosts have the same number: q0 takes the last 16 bits of each")
+    programs = []
+    for name, node in able.items():
+        config = config_of(name, light, settings, network)
+        programs.append(launch(runtime, f"{INTERFACE}-{name}", MODULE, config, node))
+    for program in programs:
+        program.wait_for("ready", READY_TIMEOUT_S, network.check)
+    return light
+
+
+def hosts_with_light(network: Network) -> dict[str, QuantumHost]:
+    """Return the hosts that can receive; NetworkError if they are too few or too many."""
+    hosts = [node for node in network.runtime.hosts if isinstance(node, QuantumHost)]
     able = {node.name: node for node in hosts if len(qnics(node)) >= FIBERS}
     if len(able) < 2:
         raise NetworkError(
@@ -66,44 +82,42 @@ def start_ip_over_light(network: Network, wanted: IpOverLight | None = None) -> 
         )
     if len(able) > MOST_HOSTS:
         raise NetworkError(f"q0 on {len(able)} hosts: {MOST_HOSTS} at most; take a smaller network")
-    copper = {name: runtime.addresses[name] for name in able}
-    light = {name: light_address(address) for name, address in copper.items()}
-    if len(set(light.values())) < len(light):
-        raise NetworkError("two hosts have the same number: q0 takes the last 16 bits of each")
-    programs = []
-    for name, node in able.items():
-        config = IpOverLightConfig(
-            host=name,
-            stack=runtime.socket(name),
-            address=light[name],
-            prefix_length=NETWORK.prefixlen,
-            router=free_address(light.values(), NETWORK.prefixlen),
-            address6=light_address6(copper[name], wanted.mtu),
-            prefix6_length=NETWORK6.prefixlen,
-            router6=ROUTER6,
-            neighbors=[
-                Neighbor(
-                    other,
-                    copper[other],
-                    light[other],
-                    light_address6(copper[other], wanted.mtu),
-                    source_of(network, able, name, other),
-                )
-                for other in able
-                if other != name
-            ],
-            mtu=wanted.mtu,
-            idle_s=wanted.idle_s,
-            patience_s=wanted.patience_s,
-            options={"block_pairs": BLOCK_PAIRS, **wanted.sessions},
-        )
-        programs.append(launch(runtime, f"{INTERFACE}-{name}", MODULE, config, node))
-    for program in programs:
-        program.wait_for("ready", READY_TIMEOUT_S, network.check)
-    return light
+    return able
 
 
-def source_of(network: Network, able: dict[str, QuantumHost], one: str, other: str) -> str:
+def config_of(
+    host: str, light: Mapping[str, str], settings: IpOverLight, network: Network
+) -> IpOverLightConfig:
+    """Return the configuration of a host's q0; `light` has the address of each q0, by host."""
+    copper = network.runtime.addresses
+    return IpOverLightConfig(
+        host=host,
+        stack=network.runtime.socket(host),
+        address=light[host],
+        prefix_length=NETWORK.prefixlen,
+        router=free_address(light.values(), NETWORK.prefixlen),
+        address6=light_address6(copper[host], settings.mtu),
+        prefix6_length=NETWORK6.prefixlen,
+        router6=ROUTER6,
+        neighbors=[
+            Neighbor(
+                other,
+                copper[other],
+                light[other],
+                light_address6(copper[other], settings.mtu),
+                source_of(network, light, host, other),
+            )
+            for other in light
+            if other != host
+        ],
+        mtu=settings.mtu,
+        idle_s=settings.idle_s,
+        patience_s=settings.patience_s,
+        options={"block_pairs": BLOCK_PAIRS, **settings.sessions},
+    )
+
+
+def source_of(network: Network, able: Iterable[str], one: str, other: str) -> str:
     """Return the host that makes the pairs of two others: the network's, or else any that can.
 
     It is "" where there is none: the stacks then say so.

@@ -68,15 +68,15 @@ class Progress:
     light_s: float = 0.0  # until the last block was sifted
     made: Counts = field(default_factory=Counts)  # of keys that are made
     keys: int = 0  # of KEY_BITS, in the store
-    first_id: UUID | None = None
-    last_id: UUID | None = None
+    first_id: str | None = None
+    last_id: str | None = None
     max_qber: float = 0.0  # above it there is no key
     newest: Estimate | None = None  # of the key whose error rate was estimated last
     _sifted_blocks: int = 0
 
     def stored(self, ids: Sequence[UUID]) -> None:
         if ids:
-            self.first_id, self.last_id = self.first_id or ids[0], ids[-1]
+            self.first_id, self.last_id = self.first_id or str(ids[0]), str(ids[-1])
         self.keys += len(ids)
 
     def note(self, ends: Sequence[End], now_s: float) -> None:
@@ -121,18 +121,12 @@ def error_rate(estimate: Estimate) -> tuple[float, float, float] | tuple[None, N
 def summary(progress: Progress, ends: Iterable[End], now_s: float) -> KeyFigures:
     """Return the final report, also of keys that will not be made; None: not known.
 
-    Photons, raw and sifted bits are per second of light and sifting, key bits per second of
-    the whole session. The limit of the key fraction is that of endless keys.
+    Key bits are per second of the session, all else is per second of light and sifting.
     """
     counts = progress.counts(ends)
-    estimate = counts.estimate if counts.estimate.sample else None
     elapsed_s = now_s - progress.started_s
     light_s = progress.light_s or elapsed_s  # nothing was sifted
     qber, low, high = error_rate(counts.estimate)
-    limit = None
-    if qber is not None and not counts.means:
-        limit = asymptotic_fraction(qber, counts.single_share)
-    first, last = progress.first_id, progress.last_id
     return KeyFigures(
         photons=progress.photons,
         raw_bits=counts.raw,
@@ -142,19 +136,19 @@ def summary(progress: Progress, ends: Iterable[End], now_s: float) -> KeyFigures
         qber_high=high,
         max_qber=progress.max_qber,
         disclosed_bits=counts.estimate.sample,
-        ones_fraction=estimate.ones / estimate.sample if estimate else None,
+        ones_fraction=counts.estimate.ones_fraction,
         leaked_bits=counts.leaked,
         key_bits=counts.key,
         key_fraction=counts.key / counts.sifted if counts.sifted else None,
-        key_fraction_limit=limit,
+        key_fraction_limit=fraction_limit(counts),
         multi_photon=counts.multi_photon,
         single_photon_fraction=counts.single_share if counts.sifted else None,
         assumed=DECOYS if counts.means else SOURCES[counts.multi_photon > 0],
         **some_only(counts),
         keys=progress.keys,
         bits_of_a_key=KEY_BITS,
-        first_key_id=str(first) if first else None,
-        last_key_id=str(last) if last else None,
+        first_key_id=progress.first_id,
+        last_key_id=progress.last_id,
         authentication_bits=counts.authentication,
         net_key_bits=counts.key - counts.authentication,
         light_s=light_s,
@@ -164,6 +158,14 @@ def summary(progress: Progress, ends: Iterable[End], now_s: float) -> KeyFigures
         sifted_bits_per_s=counts.sifted / light_s,
         key_bits_per_s=counts.key / elapsed_s,
     )
+
+
+def fraction_limit(counts: Counts) -> float | None:
+    """Return the key fraction of endless keys; None: not known, as with decoys."""
+    qber, _low, _high = error_rate(counts.estimate)
+    if qber is None or counts.means:
+        return None
+    return asymptotic_fraction(qber, counts.single_share)
 
 
 def some_only(counts: Counts) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from topologies.system.certificates import (
 )
 from topologies.system.processes.programs import NetworkError, Program
 from topologies.system.runs.launching import launch
+from topologies.system.runs.runtime import Runtime
 from topologies.timeouts import READY_TIMEOUT_S
 from wire.parameters.checks import remedy
 
@@ -66,39 +67,49 @@ def start_key_managers(network: Network, service: KeyService) -> KeyManagers:
         files = made(folder, names, addresses, saes)
     else:
         files = given(folder, [*names.values(), *saes])
+    urls = {host: f"https://{address}:{KEY_DELIVERY_PORT}" for host, address in addresses.items()}
     programs: dict[str, Program] = {}
+    managers = KeyManagers(
+        programs, urls, saes, {sae: files[sae] for sae in saes}, folder / AUTHORITY
+    )
     opening = {a for a, _b in service.pairs}
     for host in sorted(nodes, key=opening.__contains__):
         if host in opening:  # all that it opens sessions with listen first, as far as that can be
             wait_for_all(network, programs)
-        own = files[names[host]]
-        config = KeyManagerConfig(
-            host=host,
-            address=addresses[host],
-            stack=runtime.socket(host),
-            keys=runtime.key_folder(host),
-            hosts=addresses,
-            saes=saes,
-            certificate=str(own.certificate),
-            private_key=str(own.private_key),
-            authority=str(folder / AUTHORITY),
-            keys_per_s=service.keys_per_s,
-            withhold=service.withhold,
-            key_log=str(runtime.private_file(f"{names[host]}.keys")),
-            report_to=broadcast(runtime.addresses.values(), runtime.prefix_length),
-            device_key=runtime.device_key(host),
-            links=links_of(host, service),
-        )
+        config = config_of(host, service, managers, files[names[host]], runtime)
         programs[host] = launch(runtime, names[host], MODULE, config, nodes[host])
     wait_for_all(network, programs)
-    urls = {host: f"https://{address}:{KEY_DELIVERY_PORT}" for host, address in addresses.items()}
-    managers = KeyManagers(
-        programs, urls, saes, {sae: files[sae] for sae in saes}, folder / AUTHORITY
-    )
     with runtime.time_limit():
         for host, node in nodes.items():
             tell_shell(node, managers, host)
     return managers
+
+
+def config_of(
+    host: str,
+    service: KeyService,
+    managers: KeyManagers,
+    certificate: CertificateFiles,
+    runtime: Runtime,
+) -> KeyManagerConfig:
+    """Return the configuration of a host's manager, which shows this certificate."""
+    return KeyManagerConfig(
+        host=host,
+        address=runtime.addresses[host],
+        stack=runtime.socket(host),
+        keys=runtime.key_folder(host),
+        hosts={name: runtime.addresses[name] for name in managers.urls},
+        saes=dict(managers.saes),
+        certificate=str(certificate.certificate),
+        private_key=str(certificate.private_key),
+        authority=str(managers.authority),
+        keys_per_s=service.keys_per_s,
+        withhold=service.withhold,
+        key_log=str(runtime.private_file(f"{manager_name(host)}.keys")),
+        report_to=broadcast(runtime.addresses.values(), runtime.prefix_length),
+        device_key=runtime.device_key(host),
+        links=links_of(host, service),
+    )
 
 
 def wait_for_all(network: Network, programs: Mapping[str, Program]) -> None:

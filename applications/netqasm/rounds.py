@@ -3,7 +3,7 @@
 Each host runs the programs of its own roles; others run theirs.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -38,32 +38,41 @@ def simulate_application(
     """
     if network_cfg is not None or nv_cfg is not None:
         raise ValueError("network_cfg or nv_cfg: the network is the one that runs; leave them out")
-    own = [
-        program
-        for program in app_instance.app.programs
-        if placement.known(program.party) in placement.stacks
-    ]
+    parts = app_instance.app.programs
+    programs = [part for part in parts if placement.known(part.party) in placement.stacks]
 
     def play(program: Program) -> Any:
+        inputs = dict(app_instance.program_inputs.get(program.party, {}))
         try:
-            return begin(program)
+            if use_app_config:
+                return _with_config(program, inputs, placement, log_cfg or LogConfig())
+            return program.entry(**inputs)
         finally:
             ends[program.party].wait()
 
-    def begin(program: Program) -> Any:
-        inputs = dict(app_instance.program_inputs.get(program.party, {}))
-        if use_app_config:
-            host = placement.host(program.party)
-            config = AppConfig(program.party, host, program.entry, log_cfg or LogConfig(), inputs)
-            return program.entry(**inputs, app_config=config)
-        return program.entry(**inputs)
-
-    results = []
-    with ThreadPoolExecutor(len(own)) as pool:
-        for number in range(num_rounds):
-            playing = {program.party: pool.submit(play, program) for program in own}
-            results.append({party: each.result() for party, each in playing.items()})
-            on_round(number)
+    results = list(_rounds(play, programs, num_rounds, on_round))
     if post_function is not None:
         post_function(None)  # of a simulator there is nothing to hand over
     return results
+
+
+def _rounds(
+    play: Callable[[Program], Any],
+    programs: Sequence[Program],
+    num_rounds: int,
+    on_round: Callable[[int], None],
+) -> Iterator[dict[str, Any]]:
+    """Yield what the programs return, by their party, for each round."""
+    with ThreadPoolExecutor(len(programs)) as pool:
+        for number in range(num_rounds):
+            playing = {program.party: pool.submit(play, program) for program in programs}
+            yield {party: future.result() for party, future in playing.items()}
+            on_round(number)
+
+
+def _with_config(
+    program: Program, inputs: dict[str, Any], placement: Placement, log_cfg: LogConfig
+) -> Any:
+    host = placement.host(program.party)
+    config = AppConfig(program.party, host, program.entry, log_cfg, inputs)
+    return program.entry(**inputs, app_config=config)

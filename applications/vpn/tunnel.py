@@ -6,7 +6,7 @@ import secrets
 import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -71,29 +71,11 @@ def start_tunnel(
     """
     carry, tell = MADE_BY[program]
     carriers = [carry(network, host) for host in hosts] if carry else []
-    own = tell(network, hosts)
+    options = tell(network, hosts)
     ends: list[Program] = []
     for number, host in reversed(list(enumerate(hosts))):  # who follows waits for who leads
-        other = 1 - number
-        shown = network.runtime.own_folder(host)  # by the same path on every machine
-        files = in_folder(shown, application_name(host))
-        config = VpnConfig(
-            program=program,
-            leads=number == 0,
-            address=network.runtime.addresses[host],
-            other=network.runtime.addresses[hosts[other]],
-            inside=INSIDE[number],
-            other_inside=INSIDE[other],
-            other_sae=application_name(hosts[other]),
-            certificate=str(files.certificate),
-            key_file=str(files.private_key),
-            authority=str(shown / AUTHORITY),
-            rotate_s=rotate_s,
-            lifetime_s=lifetime_s,
-            time_scale=network.runtime.time.scale,
-            time_since_ns=network.runtime.time.since_ns,
-            **own[number],
-        )
+        config = config_of(network, hosts, number, program, rotate_s, lifetime_s)
+        config = replace(config, **options[number])
         file = network.runtime.folder / f"vpn-{host}.json"
         config.write(file)
         network.runtime.share(host, file)
@@ -103,6 +85,36 @@ def start_tunnel(
             end.wait_for("ready", START_TIMEOUT_S, network.check)
         ends.insert(0, end)
     return RunningTunnel([*ends, *carriers], hosts)
+
+
+def config_of(
+    network: Network,
+    hosts: tuple[str, str],
+    number: int,
+    program: str,
+    rotate_s: float,
+    lifetime_s: float,
+) -> VpnConfig:
+    """Return the configuration of end 0 or 1 of a tunnel, without its program's own options."""
+    host, other, runtime = hosts[number], hosts[1 - number], network.runtime
+    shown = runtime.own_folder(host)  # by the same path on every machine
+    files = in_folder(shown, application_name(host))
+    return VpnConfig(
+        program=program,
+        leads=number == 0,
+        address=runtime.addresses[host],
+        other=runtime.addresses[other],
+        inside=INSIDE[number],
+        other_inside=INSIDE[1 - number],
+        other_sae=application_name(other),
+        certificate=str(files.certificate),
+        key_file=str(files.private_key),
+        authority=str(shown / AUTHORITY),
+        rotate_s=rotate_s,
+        lifetime_s=lifetime_s,
+        time_scale=runtime.time.scale,
+        time_since_ns=runtime.time.since_ns,
+    )
 
 
 @contextmanager

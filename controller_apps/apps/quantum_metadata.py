@@ -113,11 +113,9 @@ class QuantumMetadata(App):
         self.network = Network(names=names)
         self.arbiter = _arbiter(self.network, config)
         sessions = self.arbiter.sessions
-        # Open vSwitch counts it, on the wall clock.
-        idle_s = min(round(config.time.wall_s(config.idle_timeout_s)), 0xFFFF)
-        bypass_timeout_s = config.time.switch_timeout_s(idle_s)
         trunks = config.trunks if config.metadata_at_switch != OFF else []
-        self.switches = Switches(frozenset(names), mac_table, bypass_timeout_s, trunks)
+        timeout_s = _bypass_timeout_s(config)
+        self.switches = Switches(frozenset(names), mac_table, timeout_s, trunks)
         self.journal = Journal(
             record, self.network, sessions, self.logger, lambda: time.monotonic(), config.time
         )
@@ -133,11 +131,12 @@ class QuantumMetadata(App):
         for number in take_over(state, self.arbiter, self.logger, self._now()):
             self._note(Note("resumed", number))
             self.monitors.granted(sessions.by_number.get(number))
-        self._instants = Instants(
-            config.time, lambda: self.send_event(self.name, EventInstantOver())
-        )
+        self._instants = Instants(config.time, self._end_instant)
         self._kept_hosts: object = None
         self._keep_hosts()
+
+    def _end_instant(self) -> None:
+        self.send_event(self.name, EventInstantOver())
 
     def start(self) -> Any:
         """Begin to handle events; called by the framework."""
@@ -468,6 +467,12 @@ class QuantumMetadata(App):
         stations = self.stations if policy.filter.addresses else []
         self.mac_table.place(stations)
         self.switches.check_addresses(stations)
+
+
+def _bypass_timeout_s(config: ControllerConfig) -> int:
+    """Return it in whole seconds of the wall clock, by which Open vSwitch counts it."""
+    idle_s = min(round(config.time.wall_s(config.idle_timeout_s)), 0xFFFF)
+    return config.time.switch_timeout_s(idle_s)
 
 
 def _arbiter(network: Network, config: ControllerConfig) -> Arbiter:

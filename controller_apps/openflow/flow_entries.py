@@ -104,15 +104,6 @@ def metadata_entries(datapath: Datapath, trunks: Collection[int] = ()) -> list[A
     in it no listener takes. Packets that a switch cannot read go no further.
     """
     to_port = TO_METADATA_PORT
-    from_port = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_TCP, "tcp_src": METADATA_PORT}
-    opened = SYN | ACK
-    copied = [(to_port, FIN), (to_port, RST), (from_port, RST), (from_port, opened)]
-    copies = [
-        # A copy: neither an answer nor a close must wait for the controller.
-        add(datapath, METADATA_TABLE, CLOSE_PRIORITY, {**ends, "tcp_flags": (flags, flags)},
-            to_controller(), to_learning())
-        for ends, flags in copied
-    ]  # fmt: skip
     to_agents = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_UDP, "udp_dst": DEVICE_PORT}
     groups = tuple(each.hex(":") for each in (group_of(0, Receivers.CONTROLLER), ANY_GROUP))
     of_ends = {"eth_type": ETH_TYPE_HERALDS, "eth_dst": groups}
@@ -133,10 +124,22 @@ def metadata_entries(datapath: Datapath, trunks: Collection[int] = ()) -> list[A
         # Of the node agents, and of ends that purify: to the controller and to nobody else.
         add(datapath, METADATA_TABLE, METADATA_PRIORITY, to_agents, to_controller()),
         add(datapath, METADATA_TABLE, METADATA_PRIORITY, of_ends, to_controller()),
-        *copies,
+        *_copies_for_controller(datapath),
         *(add(datapath, METADATA_TABLE, HIDDEN_PRIORITY, hidden) for hidden in unseen()),
         *_copies_for_switches(datapath, trunks),
     ]
+
+
+def _copies_for_controller(datapath: Datapath) -> list[Any]:
+    """Return what copies answers and closes, neither of which must wait for the controller."""
+    to_port = TO_METADATA_PORT
+    from_port = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_TCP, "tcp_src": METADATA_PORT}
+    copied = [(to_port, FIN), (to_port, RST), (from_port, RST), (from_port, SYN | ACK)]
+    return [
+        add(datapath, METADATA_TABLE, CLOSE_PRIORITY, {**ends, "tcp_flags": (flags, flags)},
+            to_controller(), to_learning())
+        for ends, flags in copied
+    ]  # fmt: skip
 
 
 def _copies_for_switches(datapath: Datapath, trunks: Collection[int]) -> list[Any]:

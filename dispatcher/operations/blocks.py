@@ -106,9 +106,7 @@ class Operations:
         hardware.require(layer.devices, node, *makers)
         names = [BlockName(request.session, request.number, half) for half in range(halves)]
         source = layer.devices.of(node).source
-        by_host = (
-            request.state == CreateRequest.ZEROS
-        )  # qubits of the host itself, not of its source
+        by_host = request.state == CreateRequest.ZEROS  # qubits of its own, not of its source
         choices = limits.choices(request, len(source.intensities))
         weak = weak_light.is_weak(source) and not _has_custom_noise(layer, node)
         if choices is not None and weak:
@@ -122,24 +120,27 @@ class Operations:
         more = 0 if by_host else most_extra_pairs(source, request.count)
         self._require_capacity(node, names, request.count, more)
         blocks = self._new_blocks(node, names, self._make(request, states))
-        if halves == PAIR:
-            pairs, detail = emit_into(blocks[0], blocks[1], layer)
-            self.pairs_created += pairs
-        elif states is not None:
-            detail = emit_prepared(blocks[0], states, levels, layer)
-        else:
-            blocks[0].kept = blocks[0].retimed = True
-            wrong = imperfections.misprepared(layer, blocks[0])
-            detail = f", in |1> {wrong}" if wrong else ""
+        text += self._emit(blocks, states, levels)
         if not by_host:
             self._custom_noise_of_source(blocks)
         seconds = layer.devices.of(node).gates.initialization_s if by_host else 0.0
-        text += detail
         if states is not None:
             text += f": {tally(states, emission.STATES)}"
         each = None if states is None else lambda position: emission.STATES[states[position]]
         layer.record(node, "create", blocks[0], detail=text, each=each)
         return imperfections.lasts(layer.feedback(blocks[0]), seconds, blocks)
+
+    def _emit(self, blocks: list[Block], states: Bytes | None, levels: Bytes | None) -> str:
+        """Let a source emit pairs or prepared photons, or a host hold qubits; say how many."""
+        if len(blocks) == PAIR:
+            pairs, detail = emit_into(blocks[0], blocks[1], self._layer)
+            self.pairs_created += pairs
+            return detail
+        if states is not None:
+            return emit_prepared(blocks[0], states, levels, self._layer)
+        blocks[0].kept = blocks[0].retimed = True
+        wrong = imperfections.misprepared(self._layer, blocks[0])
+        return f", in |1> {wrong}" if wrong else ""
 
     def _states(
         self, request: CreateRequest, choices: KeyedChoices | None, source: PairSource

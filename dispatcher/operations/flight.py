@@ -221,24 +221,32 @@ class Flight:
             self._absorb(beam)
         noises = [_noise_of(block, others, passed.others) for _port, passed in paths]
         for place, ((out_port, passed), noise) in enumerate(zip(paths, noises, strict=True)):
-            taken = self._stay if place + 1 == len(paths) else self._part
-            leaving = taken(block, passed, noise)
-            members = everything(photons.size)
-            purpose = f"extras {out_port}"
+            separate = self._stay if place + 1 == len(paths) else self._part
+            leaving = separate(block, passed, noise)
             extra_pairs.thin(
-                self._layer.sabot, leaving, members, passed.transmission, random, purpose
+                self._layer.sabot,
+                leaving,
+                everything(photons.size),
+                passed.transmission,
+                random,
+                f"extras {out_port}",
             )
-            if rotation := switch.rotation(in_port, out_port):
-                paulis = passed.pulses * np.uint8(rotation)
-                cause = f"rotation of {switch.name}, {in_port} -> {out_port}"
-                self._layer.sabot.explain(leaving.register, cause, paulis)
-                drift.reflect(leaving.pulses, paulis)
-            members = passed.pulses | extra_pairs.lit(leaving)
-            turn = beam.turn.behind(rotation) if beam.turn else None
-            onward = replace(
-                beam, block=leaving, members=members, rotation=beam.rotation ^ rotation, turn=turn
-            )
-            self._enter(FiberEnd(switch.name, str(out_port)), onward)
+            self._leave(replace(beam, block=leaving), passed, switch, (in_port, out_port))
+
+    def _leave(
+        self, beam: Beam, passed: Passed, switch: OpticalSwitch, ports: tuple[int, int]
+    ) -> None:
+        """Let a beam out of a switch, turned as the switch turns light between these ports."""
+        block = beam.block
+        if rotation := switch.rotation(*ports):
+            paulis = passed.pulses * np.uint8(rotation)
+            cause = f"rotation of {switch.name}, {ports[0]} -> {ports[1]}"
+            self._layer.sabot.explain(block.register, cause, paulis)
+            drift.reflect(block.pulses, paulis)
+        beam.members = passed.pulses | extra_pairs.lit(block)
+        beam.turn = beam.turn.behind(rotation) if beam.turn else None
+        beam.rotation ^= rotation
+        self._enter(FiberEnd(switch.name, str(ports[1])), beam)
 
     def _go_through(
         self, beam: Beam, switch: OpticalSwitch, in_port: int, through: Through
@@ -327,28 +335,32 @@ class Flight:
                 draws, block.name, place, schedule, history, width_rad_per_s, looks_ns
             )
             effect, of_extra_pairs = _effects(encoding, model, passage, block.extra_pairs)
-            where = f"in the fibre to {line.far.port} of {line.far.node}"
-            cause = f"{type(model).__name__} {where}"
-            if effect.lost is not None:
-                self._lose(block, effect.lost & beam.members, cause)
             if effect.transmission < 1:
                 # Noise of other pulses may be in another fibre now, in the same places.
                 purpose = "extras" if block is self._block else f"extras to {line.far.node}"
                 pulses.thin(block.pulses, beam.members, effect.transmission, passage, purpose)
-            if effect.paulis is not None:
-                paulis = effect.paulis * beam.members
-                self._layer.sabot.explain(block.register, cause, paulis)
-                drift.reflect(block.pulses, paulis)
-                beam.noise = paulis if beam.noise is None else beam.noise ^ paulis
-            pulses.pass_on(block.pulses, beam.members, effect)
-            if effect.turn is not None:
-                beam.turn = effect.turn.after(beam.turn)
-            if effect.polarization is not None:
-                beam.polarization = effect.polarization.after(beam.polarization)
+            where = f"in the fibre to {line.far.port} of {line.far.node}"
+            self._meet(beam, effect, f"{type(model).__name__} {where}")
             if of_extra_pairs is not None:
                 extra_pairs.meet(self._layer.sabot, block, beam.members, of_extra_pairs)
             if effect.kraus is not None:
                 self._meet_channel(beam, effect.kraus, place, f"noise {where}")
+
+    def _meet(self, beam: Beam, effect: Effect, cause: str) -> None:
+        """Let a beam's own photons meet what a fibre does, but for Kraus operators."""
+        block = beam.block
+        if effect.lost is not None:
+            self._lose(block, effect.lost & beam.members, cause)
+        if effect.paulis is not None:
+            paulis = effect.paulis * beam.members
+            self._layer.sabot.explain(block.register, cause, paulis)
+            drift.reflect(block.pulses, paulis)
+            beam.noise = paulis if beam.noise is None else beam.noise ^ paulis
+        pulses.pass_on(block.pulses, beam.members, effect)
+        if effect.turn is not None:
+            beam.turn = effect.turn.after(beam.turn)
+        if effect.polarization is not None:
+            beam.polarization = effect.polarization.after(beam.polarization)
 
     def _compensate(self, beam: Beam, end: FiberEnd) -> None:
         """Let light meet the compensator of a port."""

@@ -48,7 +48,7 @@ class RequestTable:
         self.layer = layer
         self.heralding = Heralding(layer, failed, self._came)
         self.blocks = Operations(layer)
-        measurements, resending = Measurements(layer), Resending(layer)
+        measurements = Measurements(layer)
         network, tasks = layer.network, Tasks(layer, failed)
         self.reports = Reports({**network.analysers, **network.memories})
         self.analysers = Analysers(layer, measurements, self.reports, tasks)
@@ -64,7 +64,11 @@ class RequestTable:
         )
         self.switching = Switching(layer, self._connected, self.memories.opened, self._part_failed)
         emission = Emission(layer, self.blocks, self.transport, self.stations.emit, tasks)
-        self.rows = {
+        self.rows = self._rows(measurements, emission)
+
+    def _rows(self, measurements: Measurements, emission: Emission) -> dict[str, Row]:
+        layer = self.layer
+        return {
             "create": Row(messages.CreateRequest, self._timed(self.blocks.create)),
             "apply": Row(messages.ApplyRequest, self._timed(self.blocks.apply)),
             "send": Row(messages.SendRequest, self.transport.send),
@@ -76,7 +80,7 @@ class RequestTable:
             "store": Row(messages.StoreRequest, self.blocks.store),
             "discard": Row(messages.DiscardRequest, self._discard),
             "gather": Row(messages.GatherRequest, Gathering(layer).gather),
-            "resend": Row(messages.ResendRequest, self._timed(resending.resend)),
+            "resend": Row(messages.ResendRequest, self._timed(Resending(layer).resend)),
             "attempt": Row(messages.AttemptRequest, self.stations.attempt),
             "split": Row(messages.SplitRequest, Splitting(layer).split),
             "tell": Row(messages.TellRequest, self._on_layer(tell)),

@@ -127,8 +127,7 @@ class BitColumns(NamedGates):
         """Project onto an outcome of Z that is not certain.
 
         A stabilizer that anticommutes with Z is multiplied into the other rows that do, then
-        becomes its partner and Z takes its place. Powers of i are counted for all rows at
-        once, modulo 4, in two bits: odd and high.
+        becomes its partner. Powers of i are counted modulo 4, in two bits: odd and high.
         """
         columns_x, columns_z = self._x, self._z
         count, rows = len(columns_x), columns_x[qubit]
@@ -139,27 +138,23 @@ class BitColumns(NamedGates):
         odd = high = 0
         for index, x in enumerate(columns_x):
             z = columns_z[index]
+            if x & partner:
+                columns_x[index] = x ^ partner
+            if z & partner:
+                columns_z[index] = z ^ partner
             if x & pivot:
+                columns_x[index] = x ^ rows | partner
                 if z & pivot:
                     turned, back = (x ^ z) & rows, z & ~x & rows
                     columns_z[index] = z ^ rows | partner
                 else:
                     turned = z & rows
                     back = turned & x
-                    if z & partner:
-                        columns_z[index] = z ^ partner
-                columns_x[index] = x ^ rows | partner
             elif z & pivot:
                 turned = x & rows
                 back = turned & ~z
                 columns_z[index] = z ^ rows | partner
-                if x & partner:
-                    columns_x[index] = x ^ partner
             else:
-                if x & partner:
-                    columns_x[index] = x ^ partner
-                if z & partner:
-                    columns_z[index] = z ^ partner
                 continue
             high ^= (odd & turned) ^ back
             odd ^= turned

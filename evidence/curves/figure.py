@@ -78,8 +78,25 @@ def draw(picture: Picture, *files: Path) -> None:
         _draw_series(axes, picture, number, label, points)
         for number, (label, points) in enumerate(picture.series)
     ]
+    _draw_marks(axes, picture.marks)
+    for level, label in picture.levels:
+        axes.axhline(level, color="k", linestyle=":", linewidth=LINE_WIDTH, label=label)
+    for limit, style in zip(picture.limits, LIMIT_STYLES, strict=False):
+        axes.plot(*zip(*limit.points, strict=True), f"k{style}", label=limit.label)
+    axes.set_title(picture.title)
+    (below or [axes])[-1].set_xlabel(picture.x_label)
+    for panel in below:
+        _draw_residuals(panel, picture, apart)
+    axes.set_ylabel(picture.measure.label)
+    _scale(axes, picture)
+    _draw_legend(figure, axes, lines)
+    for file in files:
+        figure.savefig(file, dpi=DOTS_PER_INCH)
+
+
+def _draw_marks(axes: Axes, marks: Sequence[Mark]) -> None:
     labels = set[str]()
-    for mark in picture.marks:
+    for mark in marks:
         axes.errorbar(
             mark.x,
             mark.y,
@@ -92,16 +109,10 @@ def draw(picture: Picture, *files: Path) -> None:
             label=None if mark.label in labels else mark.label,
         )
         labels.add(mark.label)
-    for level, label in picture.levels:
-        axes.axhline(level, color="k", linestyle=":", linewidth=LINE_WIDTH, label=label)
-    for limit, style in zip(picture.limits, LIMIT_STYLES, strict=False):
-        axes.plot(*zip(*limit.points, strict=True), f"k{style}", label=limit.label)
-    axes.set_title(picture.title)
-    (below or [axes])[-1].set_xlabel(picture.x_label)
-    for panel in below:
-        _draw_residuals(panel, picture, apart)
-    axes.set_ylabel(picture.measure.label)
-    _scale(axes, picture)
+
+
+def _draw_legend(figure: Figure, axes: Axes, lines: Sequence[bool]) -> None:
+    """Draw the legend; `lines` says of each series whether theory has a line for it."""
     handles, _labels = axes.get_legend_handles_labels()
     if any(lines):
         # Each line has its series' colour: one that stood for several would be of none.
@@ -112,8 +123,6 @@ def draw(picture: Picture, *files: Path) -> None:
         figure.legend(handles=handles, loc="outside right upper", fontsize="small")
     else:
         axes.legend(handles=handles, fontsize="small")
-    for file in files:
-        figure.savefig(file, dpi=DOTS_PER_INCH)
 
 
 def residuals(picture: Picture) -> dict[int, list[tuple[Value, float]]]:

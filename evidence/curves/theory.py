@@ -5,7 +5,7 @@ each of the other three Bell states has probability (1 - F)/3.
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from itertools import combinations, product
 
@@ -87,6 +87,9 @@ def agreement_in_z(waits_s: Sequence[tuple[float, float]], t1_s: float) -> float
     return (1 + sum(both) / len(both)) / 2
 
 
+Detectors = frozenset[tuple[int, int]]  # each by its end and its bit
+
+
 def several_pairs(
     statistics: str,
     mean_pairs: float,
@@ -104,37 +107,42 @@ def several_pairs(
     """
     counts = dark_count if isinstance(dark_count, tuple) else (dark_count, dark_count)
 
-    def dark(detectors: frozenset[tuple[int, int]]) -> float:
-        misses = 0.0
-        for bit, flip in product((0, 1), (0, 1)):
-            outcomes = bit, bit ^ flip
-            hits = (arrives[end] * ((end, outcomes[end]) in detectors) for end in (0, 1))
-            misses += math.prod(1 - hit for hit in hits) * (error if flip else 1 - error) / 2
-        none, missing = (
-            math.prod(1 - counts[end] for end, _ in detectors),
-            mean_pairs * (1 - misses),
-        )
+    def dark(detectors: Detectors) -> float:
+        none = math.prod(1 - counts[end] for end, _ in detectors)
+        misses = _misses(detectors, arrives, error)
+        missing = mean_pairs * (1 - misses)
         if statistics == "single":
             return none * misses
         return none * (math.exp(-missing) if statistics == "poisson" else 1 / (1 + missing))
 
-    every = frozenset((end, bit) for end in (0, 1) for bit in (0, 1))
-
-    def exactly(clicking: frozenset[tuple[int, int]]) -> float:
-        rest = every - clicking
-        found = 0.0
-        for count in range(len(clicking) + 1):
-            for some in combinations(clicking, count):
-                found += (-1.0) ** count * dark(rest | frozenset(some))
-        return found
-
     wrong = both = 0.0
     for mine, yours in product(((0,), (1,), (0, 1)), repeat=2):
-        likely = exactly(frozenset([(0, bit) for bit in mine] + [(1, bit) for bit in yours]))
+        clicking = frozenset([(0, bit) for bit in mine] + [(1, bit) for bit in yours])
+        likely = _exactly(clicking, dark)
         both += likely
         certain = len(mine) == len(yours) == 1
         wrong += likely * (float(mine != yours) if certain else 1 / 2)
     return wrong / both, both
+
+
+def _misses(detectors: Detectors, arrives: tuple[float, float], error: float) -> float:
+    """Return the probability that one pair hits none of the detectors."""
+    misses = 0.0
+    for bit, flip in product((0, 1), (0, 1)):
+        outcomes = bit, bit ^ flip
+        hits = (arrives[end] * ((end, outcomes[end]) in detectors) for end in (0, 1))
+        misses += math.prod(1 - hit for hit in hits) * (error if flip else 1 - error) / 2
+    return misses
+
+
+def _exactly(clicking: Detectors, dark: Callable[[Detectors], float]) -> float:
+    """Return the probability that these detectors click and no other."""
+    rest = frozenset(product((0, 1), (0, 1))) - clicking
+    probability = 0.0
+    for count in range(len(clicking) + 1):
+        for some in combinations(clicking, count):
+            probability += (-1.0) ** count * dark(rest | frozenset(some))
+    return probability
 
 
 def scattered_photons(

@@ -16,17 +16,12 @@ def main(app_config: Any, gates: int = 100) -> list[list[int]]:
     pairs, link = EPRSocket(other), Socket(role, other, log_config=logs)
     unit = NetQASMConnection(role, log_config=logs, epr_sockets=[pairs], max_qubits=2 * gates)
 
-    def found(qubits: list[Qubit]) -> list[int]:
-        outcomes = [each.measure() for each in qubits]
-        unit.flush()
-        return [int(each) for each in outcomes]
-
     def cz(qubits: list[Qubit]) -> None:
         if role == "alice":
             halves = pairs.create_keep(number=gates)
             for qubit, half in zip(qubits, halves, strict=True):
                 qubit.cnot(half)
-            link.send("".join(map(str, found(halves))))
+            link.send("".join(map(str, measured(unit, halves))))
             for qubit in [q for q, bit in zip(qubits, link.recv(), strict=True) if bit == "1"]:
                 qubit.Z()
             return
@@ -37,7 +32,7 @@ def main(app_config: Any, gates: int = 100) -> list[list[int]]:
                 half.X()
             half.cphase(qubit)
             half.H()
-        link.send("".join(map(str, found(halves))))
+        link.send("".join(map(str, measured(unit, halves))))
 
     def done(steps: str) -> list[int]:
         qubits = [Qubit(unit) for _ in range(gates)]
@@ -47,8 +42,14 @@ def main(app_config: Any, gates: int = 100) -> list[list[int]]:
             else:
                 for each in qubits:
                     getattr(each, step)()
-        return found(qubits)
+        return measured(unit, qubits)
 
     with unit:
         searches = [done(f"H{flip}|{flip}HX|XH") for flip in FLIPS[role]]
         return searches + [done(f"H|{turned}") for turned in BASES[role]]
+
+
+def measured(unit: NetQASMConnection, qubits: list[Qubit]) -> list[int]:
+    outcomes = [qubit.measure() for qubit in qubits]
+    unit.flush()
+    return [int(outcome) for outcome in outcomes]

@@ -185,18 +185,12 @@ def fitted(
     request = replace(request, sender=network.node(request.sender), options=options)
     if is_relayed(Service[request.service.upper()]):
         request, network = with_beam_splitter(request, network)
-    ends = request.sender, request.receiver
-    said_by = LINE if verb_of(request.service).line else FROM_TO
-    check_two_hosts(*ends, network.hosts, network.dark_hosts, said_by)
-    for name in request.others:
-        if name not in network.hosts:
-            raise BadInput(f"{LINE} {name}: {remedy(name, network.hosts)}")
-    check_source(request.options, network.hosts)
+    check_hosts(request, network)
     if isinstance(request.options, SwapOptions):
         options = with_swaps(request.options, request.sender, network.parts)
         request = replace(request, options=options)
     named = verb_of(request.service).source
-    taking_part = *ends, *request.others
+    taking_part = request.sender, request.receiver, *request.others
     source = request.options.source
     check_light(request.service, taking_part, network.parts, source, named)
     felt = felt_by(request.service, taking_part, network.parts, source, request.options.sends_light)
@@ -209,12 +203,23 @@ def fitted(
         raise BadInput(f"--hand-out {request.hand_out} exists: name a new folder")
     if request.eve is not None:
         felt |= everything([eavesdropping.EVE])
-        eavesdropping.check(ends, network)
+        eavesdropping.check((request.sender, request.receiver), network)
         attack_of(request, network)  # whether it can be
     check_turns(request)
     options = fitting_light(request, network.parts)
     check_options(options, request.network.backend)
     return replace(request, options=options), network, felt
+
+
+def check_hosts(request: ServiceRequest, network: NetworkDescription) -> None:
+    """Raise BadInput for hosts of a session, or a source, that the network does not have."""
+    option = LINE if verb_of(request.service).line else FROM_TO
+    ends = request.sender, request.receiver
+    check_two_hosts(*ends, network.hosts, network.dark_hosts, option)
+    for name in request.others:
+        if name not in network.hosts:
+            raise BadInput(f"{LINE} {name}: {remedy(name, network.hosts)}")
+    check_source(request.options, network.hosts)
 
 
 def described(service: str, options: NetworkOptions) -> NetworkDescription:

@@ -1,7 +1,7 @@
 """The words of a run's applications, followed from their first line to their last."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from qmn.jobs.obstacle import obstacle
@@ -95,15 +95,11 @@ def follow_all(
     while going:
         for name, lines in list(going.items()):
             ended = not lines.program.running  # asked first, so that no line after it is missed
-            for fields in lines.new():
+            for fields in until_done(network, lines):
                 patience.renew()
-                if fields.get("event") == "failed":
-                    text = with_elements(network, str(fields["text"]))
-                    raise TransferError(text, str(fields.get("reason", "")))
                 if fields.get("event") == "done":
                     last[name] = fields
-                    break
-                if fields:
+                elif fields:
                     latest[name] = fields
                     progress(lines.program, fields)
             if name in last:
@@ -119,6 +115,17 @@ def follow_all(
         if going:
             time.sleep(POLL_S)
     return last
+
+
+def until_done(network: Network, lines: Lines) -> Iterator[Line]:
+    """Yield a program's new lines, to its last; raise TransferError if it has failed."""
+    for fields in lines.new():
+        if fields.get("event") == "failed":
+            text = with_elements(network, str(fields["text"]))
+            raise TransferError(text, str(fields.get("reason", "")))
+        yield fields
+        if fields.get("event") == "done":
+            return
 
 
 def no_progress(latest: Mapping[str, Mapping[str, Any] | None], limit_s: float) -> str:

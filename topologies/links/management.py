@@ -10,6 +10,7 @@ it: `link c0 q1 down` cuts q1 off from its controller. q1 keeps its copper to s1
 
 from collections.abc import Mapping
 from ipaddress import IPv4Address
+from typing import Any
 
 from mininet.node import Node
 
@@ -43,16 +44,8 @@ def lay_management(
     addresses = {}
     for number, (name, switch) in enumerate(switches.items(), 1):
         ours, theirs = (str(NETWORK + 256 * number + host) for host in (1, 2))
-        link = CopperLink(
-            controller,
-            switch,
-            length_km=lengths[name],
-            loss=network.settings.control_loss,
-            intfName1=f"{controller.name}-{name}",
-            intfName2=f"{name}-{controller.name}",
-            params2={"ip": f"{theirs}/30"},  # with an address it is not a port of the bridge
-        )
-        near, far = link.intf1, link.intf2
+        ends = controller, switch
+        near, far = _interfaces(*ends, theirs, lengths[name], network.settings.control_loss)
         inside += [
             f"link set {near} master {bridge}",
             f"addr add {ours}/30 dev {bridge}",
@@ -61,15 +54,31 @@ def lay_management(
         switch_ipv6_off(switch, str(far))
         outside.append(f"neigh replace {ours} lladdr {BRIDGE_ADDRESS} dev {far} nud permanent")
         if isinstance(network.time, SteppedTime):
-            for own, device, words in ((ours, bridge, inside), (theirs, far, outside)):
-                subnet = f"{NETWORK + 256 * number}/30"
-                words.append(f"route replace {subnet} dev {device} src {own} {PATIENT}")
+            subnet = f"{NETWORK + 256 * number}/30"
+            for source, device, commands in ((ours, bridge, inside), (theirs, far, outside)):
+                commands.append(f"route replace {subnet} dev {device} src {source} {PATIENT}")
         network.management.add(str(far))
         addresses[name] = ours
     with network_of(controller):
         ip(inside)
     ip(outside)
     return addresses
+
+
+def _interfaces(
+    controller: Node, switch: Node, address: str, length_km: float, loss: float
+) -> tuple[Any, Any]:
+    """Lay copper; return its ends, of which the switch's has the address, so is no port."""
+    link = CopperLink(
+        controller,
+        switch,
+        length_km=length_km,
+        loss=loss,
+        intfName1=f"{controller.name}-{switch.name}",
+        intfName2=f"{switch.name}-{controller.name}",
+        params2={"ip": f"{address}/30"},
+    )
+    return link.intf1, link.intf2
 
 
 def lengths_to(switches: Mapping[str, Node], network: Runtime) -> dict[str, float]:

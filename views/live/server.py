@@ -78,19 +78,7 @@ async def serve(
     """
     path = place.path()
     listener, port = listen(place)
-    given = {"view": view}
-    application = Application(
-        [
-            (rf"/{path}/network.json", Network, {**given, "number": place.number}),
-            (rf"/{path}/messages", Messages, given),
-            (rf"/{path}/({'|'.join(view.drawings)})", Drawing, given),
-            (rf"/{path}/act", Act, given),
-            (rf"/{path}/()", Index, {**given, "path": str(PAGE), "default_filename": INDEX}),
-            (rf"/{path}/(report\.css)", File, {"path": str(STYLE.parent)}),
-            (rf"/{path}/(.*)", File, {"path": str(PAGE)}),
-        ],
-        log_function=lambda _handler: None,
-    )
+    application = Application(pages(view, place, path), log_function=lambda _handler: None)
     # The address of several pages, if it leads here, looks at the first request of a connection.
     alone = place.number == 0
     server = HTTPServer(application, max_body_size=MOST_REQUEST, no_keep_alive=not alone)
@@ -108,6 +96,20 @@ async def serve(
         if view.streams:  # that tell their readers so
             await asyncio.wait(view.streams, timeout=LIVE_LAST_S)
         await server.close_all_connections()
+
+
+def pages(view: View, place: Place, path: str) -> list[tuple[str, "type[Guarded]", dict[str, Any]]]:
+    """Return what is at each address, with the arguments of its handler."""
+    viewed = {"view": view}
+    return [
+        (rf"/{path}/network.json", Network, {**viewed, "number": place.number}),
+        (rf"/{path}/messages", Messages, viewed),
+        (rf"/{path}/({'|'.join(view.drawings)})", Drawing, viewed),
+        (rf"/{path}/act", Act, viewed),
+        (rf"/{path}/()", Index, {**viewed, "path": str(PAGE), "default_filename": INDEX}),
+        (rf"/{path}/(report\.css)", File, {"path": str(STYLE.parent)}),
+        (rf"/{path}/(.*)", File, {"path": str(PAGE)}),
+    ]
 
 
 async def until_opened(view: View) -> None:

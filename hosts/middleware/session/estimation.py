@@ -20,6 +20,10 @@ class Estimate:
     def qber(self) -> float:
         return self.errors / self.sample
 
+    @property
+    def ones_fraction(self) -> float | None:
+        return self.ones / self.sample if self.sample else None
+
     def beside(self, other: "Estimate") -> "Estimate":
         return Estimate(
             self.errors + other.errors, self.sample + other.sample, self.ones + other.ones
