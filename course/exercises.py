@@ -100,8 +100,8 @@ def eavesdropper(work: HandedIn) -> Iterator[Part]:
     yield Part(answer, "qber: the error rate that eve's fraction makes, by your own calculation")
     errors = getattr(tapped.figures, "qber", None)
     compared = getattr(tapped.figures, "disclosed_bits", 0)
-    found = errors is not None and fraction > 0 and is_rate(errors * compared, compared, right)
-    yield Part(found, "the first run has measured that rate")
+    right_rate = errors is not None and fraction > 0 and is_rate(errors * compared, compared, right)
+    yield Part(right_rate, "the first run has measured that rate")
     yield Part(
         near(work.number("least_fraction"), NO_KEY / ERRORS_OF_EVE, 0.03),
         "least_fraction: how much eve has to measure so that no key is left",
@@ -159,12 +159,12 @@ def survives(between: list[tuple[str, str]]) -> bool:
 
 
 def scheduler(work: HandedIn) -> Iterator[Part]:
-    first, own = work.runs
+    first, scheduled = work.runs
     loads = [getattr(run.result.job, "load", None) for run in work.runs]
     ended = all(run.result.error is None for run in work.runs) and None not in loads
-    alike = first.result.recorded_parameters == own.result.recorded_parameters
+    alike = first.result.recorded_parameters == scheduled.result.recorded_parameters
     yield Part(
-        ended and alike and first.result.seed == own.result.seed,
+        ended and alike and first.result.seed == scheduled.result.seed,
         "two runs of `qmn run load` with the same options but --policy",
     )
     waits = [getattr(run.figures, "setup_p50_s", None) or 0.0 for run in work.runs]

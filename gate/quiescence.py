@@ -123,9 +123,9 @@ class Quiescence:
 
 
 def _tasks(proc: str) -> Iterator[Task]:
-    own = str(os.getpid())
+    this_process = str(os.getpid())
     for process in os.listdir(proc):
-        if not process.isdecimal() or process == own:
+        if not process.isdecimal() or process == this_process:
             continue
         try:
             for thread in os.listdir(f"{proc}/{process}/task"):

@@ -169,10 +169,10 @@ async def session(
     `limit_s` of the loop's time; a service that is refused or breaks raises QuantumSocketError with
     the reason. A session that has not ended at the end of the block is broken off.
     """
-    opener, *asked = hosts
+    opener, *acceptors = hosts
     async with AsyncExitStack() as closing:
         waiting = []
-        for host in asked:
+        for host in acceptors:
             listener = await closing.enter_async_context(_connected(stacks(host), limit_s))
             listener.say(Call.LISTEN, port=port, service=service)
             await listener.reply()
@@ -180,7 +180,7 @@ async def session(
             end.say(Call.ACCEPT, port=port)
             waiting.append(end)
         requesting = await closing.enter_async_context(_connected(stacks(opener), limit_s))
-        requesting.say(Call.REQUEST, service=service, host=asked[0], port=port, **options)
+        requesting.say(Call.REQUEST, service=service, host=acceptors[0], port=port, **options)
         hearing = [asyncio.create_task(_hear(end, take)) for end in waiting]
         try:
             yield Session(requesting, hearing)
@@ -213,8 +213,8 @@ async def _hear(end: End, take: Take | None) -> End:
 class BlockingSession:
     """A session whose event loop runs in a thread of its own."""
 
-    def __init__(self, own: Session, loop: asyncio.AbstractEventLoop) -> None:
-        self._own, self._loop = own, loop
+    def __init__(self, inner: Session, loop: asyncio.AbstractEventLoop) -> None:
+        self._own, self._loop = inner, loop
 
     @property
     def summary(self) -> dict[str, Any]:
@@ -248,9 +248,9 @@ def blocking_session(
     """Request a service, as `session` does, on a loop of the network's time."""
     with _loop_in_thread(network_time) as loop:
         opening = session(stacks, service, hosts, port, **how)
-        own = _wait(opening.__aenter__(), loop)
+        inner = _wait(opening.__aenter__(), loop)
         try:
-            yield BlockingSession(own, loop)
+            yield BlockingSession(inner, loop)
         finally:
             _wait(opening.__aexit__(None, None, None), loop)
 

@@ -191,8 +191,8 @@ class Stack:
             end = ConnectionEnd(qnic, setup, channel)
             check_source(end.side)
             try:
-                known = self._resources.distinguishable_states
-                await end.perform(make_pairs(end.side, self.device.made, known))
+                states = self._resources.distinguishable_states
+                await end.perform(make_pairs(end.side, self.device.made, states))
             finally:
                 self._light.free()
                 await release(qnic, setup.session)

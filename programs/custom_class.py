@@ -32,22 +32,22 @@ def load_class(
     """
     if (entry := registered(GROUPS[what]).get(reference)) is not None:
         try:
-            found: type[Any] = load(entry, lambda each: isinstance(each, type) and fits(each))
+            kind: type[Any] = load(entry, lambda each: isinstance(each, type) and fits(each))
         except BadPackage as error:
             raise BadConfig(f"{what} {error}") from error
-        return found
+        return kind
     file, _, name = reference.rpartition(":")
     module = _module(f"{what} {reference}", Path(file))
     loaded = getattr(module, name, None)
     if not isinstance(loaded, type) or not fits(loaded):
         suffix = f" {needed}" if needed else ""
-        own = [
+        names = [
             value.__name__
             for value in vars(module).values()
             if isinstance(value, type) and value.__module__ == module.__name__ and fits(value)
         ]
         raise BadConfig(
-            f"{what} {reference}: {file} has no class {name}{suffix}: {remedy(name, own)}"
+            f"{what} {reference}: {file} has no class {name}{suffix}: {remedy(name, names)}"
         )
     return loaded
 

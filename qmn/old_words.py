@@ -71,16 +71,16 @@ def translated(words: Sequence[str]) -> list[str]:
 
 def _with_stations(words: Sequence[str]) -> list[str]:
     """Have stations in all switches in place of a host that was one."""
-    kept: list[str] = []
+    words_now: list[str] = []
     for word in words:
         stands = word.endswith("=station")
-        if stands and kept[-1] == "--node":
-            kept[-1:] = ["--switch", "parts=station"]
+        if stands and words_now[-1] == "--node":
+            words_now[-1:] = ["--switch", "parts=station"]
         elif stands and word.startswith("--node="):
-            kept.append("--switch=parts=station")
+            words_now.append("--switch=parts=station")
         else:
-            kept.append(word)
-    return kept
+            words_now.append(word)
+    return words_now
 
 
 def _of_switches(word: str) -> str:
@@ -91,9 +91,9 @@ def _of_switches(word: str) -> str:
     name, *parameters = value.split(",")
     if name != "repeaters" and not any(each.startswith("repeaters=") for each in parameters):
         return word
-    kept = [each for each in parameters if each.partition("=")[0] != "stations"]
-    stations = len(kept) < len(parameters)
-    return f"{flag}{equals}{','.join(['chain', *(_switches(each, stations) for each in kept)])}"
+    others = [each for each in parameters if each.partition("=")[0] != "stations"]
+    stations = len(others) < len(parameters)
+    return f"{flag}{equals}{','.join(['chain', *(_switches(each, stations) for each in others)])}"
 
 
 def _switches(parameter: str, stations: bool) -> str:
@@ -120,20 +120,20 @@ def _has_kind(words: Sequence[str]) -> bool:
 def _with_pace(words: Sequence[str]) -> list[str]:
     """Name the pace of time by --time; it is stepped where a scale was chosen automatically."""
     rest = iter(words)
-    kept: list[str] = []
+    replaced: list[str] = []
     for word in rest:
         flag, equals, value = word.partition("=")
         if flag != "--time-scale":
-            kept.append(word)
+            replaced.append(word)
         elif (scale := value if equals else next(rest, "")) != "auto":
-            kept += ["--time", f"paced={scale}"]
-    return kept
+            replaced += ["--time", f"paced={scale}"]
+    return replaced
 
 
 def _with_parameters(words: Sequence[str]) -> list[str]:
     """Put the parameters of a topology behind its name, which is the usual one if it has none."""
     rest = iter(words)
-    kept: list[str] = []
+    replaced: list[str] = []
     parameters: dict[str, str] = {}
     for word in rest:
         flag, equals, value = word.partition("=")
@@ -142,13 +142,13 @@ def _with_parameters(words: Sequence[str]) -> list[str]:
         elif flag in WITH_VALUE:
             parameters[flag] = f"={value if equals else next(rest, '')}"
         else:
-            kept.append(word)
+            replaced.append(word)
     if not parameters:
-        return kept
-    place = _place_of_topology(kept, "map" if "--map" in parameters else "")
+        return replaced
+    place = _place_of_topology(replaced, "map" if "--map" in parameters else "")
     named = [f"{flag[2:].replace('-', '_')}{value}" for flag, value in parameters.items()]
-    kept[place] = ",".join([kept[place], *named])
-    return kept
+    replaced[place] = ",".join([replaced[place], *named])
+    return replaced
 
 
 def _place_of_topology(words: list[str], usual: str) -> int:

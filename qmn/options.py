@@ -72,8 +72,8 @@ def read(
     kind: type[Kind], arguments: argparse.Namespace, parts: Parts = NO_PARTS, **known: Any
 ) -> Kind:
     """Return the options of a dataclass as the command line has them, or their defaults."""
-    given = {name: value for name, value in vars(arguments).items() if value is not None}
-    return CommandLineReader(given, known, parts).read(kind)
+    values = {name: value for name, value in vars(arguments).items() if value is not None}
+    return CommandLineReader(values, known, parts).read(kind)
 
 
 def from_keywords(

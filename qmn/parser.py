@@ -106,14 +106,14 @@ class Parser(argparse.ArgumentParser):
         formatter.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
         formatter.add_text(self.description)
         for group in self._action_groups:
-            known, whole = (
+            actions, whole = (
                 group._group_actions,
                 group.title in OWN and len(group._group_actions) <= FEW,
             )
             shown = [
-                each for each in known if whole or each.dest in FIRST or not each.option_strings
+                each for each in actions if whole or each.dest in FIRST or not each.option_strings
             ]
-            left += len(known) - len(shown)
+            left += len(actions) - len(shown)
             formatter.start_section(group.title)
             formatter.add_arguments(shown)
             formatter.end_section()
@@ -134,27 +134,27 @@ class Parser(argparse.ArgumentParser):
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse; what is unknown to this verb is unknown to all."""
         self.complete()
-        found, unknown = super().parse_known_args(args, namespace)
+        arguments, unknown = super().parse_known_args(args, namespace)
         if unknown and self.take_unknown is not None:
             try:
-                self.take_unknown(found, unknown)
+                self.take_unknown(arguments, unknown)
             except ValueError as error:
                 self.error(str(error))
-            return found, []
+            return arguments, []
         if unknown:
             option = unknown[0].partition("=")[0]
-            known = [name for name in self._option_string_actions if name.startswith("--")]
-            near = nearest(option[2:], [name[2:] for name in known])
+            names = [name for name in self._option_string_actions if name.startswith("--")]
+            near = nearest(option[2:], [name[2:] for name in names])
             remedy = f": {NEAR} --{near}?" if near and option.startswith("--") else ""
             if not option.startswith("-"):
                 self.error(f"unexpected argument {option!r}")
             self.error(f"there is no {option}{remedy}")
-        return found, unknown
+        return arguments, unknown
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None:
-            known = [str(each) for each in action.choices]
-            check_choice(name_of(action), str(value), known, self._refused)
+            choices = [str(each) for each in action.choices]
+            check_choice(name_of(action), str(value), choices, self._refused)
 
     def _get_value(self, action: argparse.Action, text: str) -> Any:
         """Read a value; say what it is to be."""

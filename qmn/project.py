@@ -10,8 +10,8 @@ MODULES = {"dask": "distributed"}  # whose name is not that of the package that 
 
 
 def project() -> dict[str, Any]:
-    found: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    return found
+    table: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    return table
 
 
 class ShowVersion(argparse.Action):
@@ -28,7 +28,7 @@ class ShowVersion(argparse.Action):
 def remedy(error: ModuleNotFoundError) -> str | None:
     """Return what is missing and how to install it; None if it is of no extra."""
     package = MODULES.get(error.name or "", error.name or "").split(".")[0]
-    for extra, wanted in project()["optional-dependencies"].items():
-        if package in (each.split("==")[0] for each in wanted):
+    for extra, packages in project()["optional-dependencies"].items():
+        if package in (each.split("==")[0] for each in packages):
             return f"{package} is not installed, which this needs: pip install 'qmn[{extra}]'"
     return None

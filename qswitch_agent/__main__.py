@@ -39,10 +39,10 @@ def hardware(config: AgentConfig) -> OpticalHardware:
                 f"{number} {name} with hardware {config.hardware}: an instrument of "
                 "mirrors has none; leave them out, or let the switch be simulated"
             )
-    known = registered(INSTRUMENTS)
-    driver = known.get(config.hardware.partition("://")[0])
+    drivers = registered(INSTRUMENTS)
+    driver = drivers.get(config.hardware.partition("://")[0])
     if driver is None:
-        ways = " or ".join(f"{name}://HOST:PORT" for name in known)
+        ways = " or ".join(f"{name}://HOST:PORT" for name in drivers)
         raise BadConfig(
             f"hardware {config.hardware!r} is not known; leave it empty for the simulated switch"
             f"{f' or write {ways}' if ways else ''}"

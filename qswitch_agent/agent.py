@@ -83,8 +83,8 @@ class Agent:
         if not self._config.gnmi:
             return nullcontext()
         serving = load(only("--gnmi", TELEMETRY))
-        found: AbstractAsyncContextManager[None] = serving(self._config, self._switch)
-        return found
+        server: AbstractAsyncContextManager[None] = serving(self._config, self._switch)
+        return server
 
     async def _start(self) -> None:
         """Make the cross-connects of the table as it is, then let the bridge connect."""

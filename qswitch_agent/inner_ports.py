@@ -57,8 +57,8 @@ class InnerPorts:
         """Count outcomes, and send them by the flow entries of the analyser's port."""
         if report.port in self._counts:
             self._counts[report.port].add(report)
-        known = self._known.get(report.port)
-        sender = known.address if known else NO_ADDRESS
+        entry = self._known.get(report.port)
+        sender = entry.address if entry else NO_ADDRESS
         for frame in frames_of(report):
             self._send(report.port, frame.encode(BROADCAST, sender))
 

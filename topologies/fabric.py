@@ -122,8 +122,8 @@ class FabricTopo(QuantumTopo):
         self.join("bob", bob_at, 2)
         self.join("charlie", charlie_at, 2)
 
-    def join(self, one: str, other: str, fibers: int, **own: object) -> None:
-        self.addFibers(one, other, fibers, **{**self._fiber, **own})
+    def join(self, one: str, other: str, fibers: int, **settings: object) -> None:
+        self.addFibers(one, other, fibers, **{**self._fiber, **settings})
 
 
 def fiber_of(preset: str, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -78,11 +78,11 @@ class MapTopo(FabricTopo):
         """Add a pair source at each of these places, or at the centre; return which is where."""
         at = [place.name for place in places]
         at = at or [str(centre(distances, [place.name for place in read.places]))]
-        found = {place: f"{SOURCE}{n if len(at) > 1 else ''}" for n, place in enumerate(at, 1)}
-        for place, name in found.items():
+        sources = {place: f"{SOURCE}{n if len(at) > 1 else ''}" for n, place in enumerate(at, 1)}
+        for place, name in sources.items():
             self.add_host(name, self.next_address(), source=True)
             self.join(name, switches[place], HOST_FIBERS)
-        return found
+        return sources
 
     def _add_hosts(
         self,
@@ -129,11 +129,11 @@ def positions_of(
     read: Map, switches: dict[str, str], sources: dict[str, str]
 ) -> dict[str, Position]:
     """Return where each node is; on a map that does not say it, where it can be seen well."""
-    found: dict[str, Position] = {}
+    by_node: dict[str, Position] = {}
     for place, position in positions(read).items():
         nodes = (place, switches[place], sources.get(place, ""))
-        found |= dict.fromkeys(filter(None, nodes), position)
-    return found
+        by_node |= dict.fromkeys(filter(None, nodes), position)
+    return by_node
 
 
 topos = {"map": MapTopo}

@@ -123,16 +123,16 @@ class QuantumTopo(Topo):
     def _reach(self, reached: set[str], ends: Sequence[tuple[str, str]]) -> None:
         """Add the switches that have copper to those already in it; hosts pass nothing on."""
         between = [set(both) for both in ends if all(map(self.isSwitch, both))]
-        while found := set().union(*(both for both in between if both & reached)) - reached:
-            reached |= found
+        while beyond := set().union(*(both for both in between if both & reached)) - reached:
+            reached |= beyond
 
     def _add_addresses(self) -> None:
         """Give each host without an address the next one, in the network of those that have one."""
         infos = {name: self.nodeInfo(name) for name in self.hosts(sort=False)}
         taken = [interface_of(name, info["ip"]) for name, info in infos.items() if info.get("ip")]
         network = taken[0].network if taken else NETWORK
-        own = {each.ip for each in taken}
-        free = (address for address in network.hosts() if address not in own)
+        used = {each.ip for each in taken}
+        free = (address for address in network.hosts() if address not in used)
         for info in infos.values():
             if "ip" not in info:
                 info["ip"] = f"{next(free)}/{network.prefixlen}"

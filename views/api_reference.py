@@ -79,10 +79,10 @@ def of_field(kind: type, field: Any) -> str:
 
 def methods(kind: type) -> list[tuple[str, Any]]:
     """Return the public methods that a class, or a base of it in this tree, documents."""
-    found = inspect.getmembers(kind, inspect.isfunction)
+    functions = inspect.getmembers(kind, inspect.isfunction)
     return [
         (name, function)
-        for name, function in found
+        for name, function in functions
         if not name.startswith("_")
         and function.__doc__
         and function.__module__.split(".")[0] != "mininet"
@@ -91,9 +91,9 @@ def methods(kind: type) -> list[tuple[str, Any]]:
 
 def description(name: str, value: Any) -> str:
     """Return the docstring of a value, or what its name means."""
-    own = value.__doc__ if isinstance(value, type) else ""
-    if own and not own.startswith(f"{name}("):  # of a dataclass without one
-        return inspect.cleandoc(own)
+    text = value.__doc__ if isinstance(value, type) else ""
+    if text and not text.startswith(f"{name}("):  # of a dataclass without one
+        return inspect.cleandoc(text)
     return by_name(name.lower(), API)
 
 

@@ -18,11 +18,11 @@ from typing import Any, get_args, get_type_hints
 @cache
 def of_fields(kind: type) -> dict[str, str]:
     """Return the comment of each field of a class and of its bases, by name; "" for none."""
-    found: dict[str, str] = {}
+    comments: dict[str, str] = {}
     for each in reversed(kind.__mro__):
         if each.__module__ != "builtins" and "__annotations__" in vars(each):
-            found |= _own(each)
-    return found
+            comments |= _own(each)
+    return comments
 
 
 def _own(kind: type) -> dict[str, str]:
@@ -89,12 +89,12 @@ def by_name(name: str, of: str = MESSAGES) -> str:
 
 def dataclasses_in(kind: Any) -> dict[str, type]:
     """Return all dataclasses that a type is made of, by name."""
-    found: dict[str, type] = {}
+    classes: dict[str, type] = {}
     left = [kind]
     while left:
         each = left.pop()
-        if isinstance(each, type) and is_dataclass(each) and each.__name__ not in found:
-            found[each.__name__] = each
+        if isinstance(each, type) and is_dataclass(each) and each.__name__ not in classes:
+            classes[each.__name__] = each
             left += get_type_hints(each).values()
         left += get_args(each)
-    return found
+    return classes

@@ -25,15 +25,15 @@ def key_links(nodes: list[dict[str, Any]]) -> Iterator[KeyLink]:
         for link in node["qkd_links"]["qkd_link"]:
             if link["qkdl_type"] != "PHYS":
                 continue
-            own, performance = link["qmn"], link["qkdl_performance"]
-            here, there = own["stored_keys"]
+            details, performance = link["qmn"], link["qkdl_performance"]
+            here, there = details["stored_keys"]
             values = [each["value"] for each in performance.get("phys_perf", ())]
             yield KeyLink(
-                own["from"],
-                own["to"],
+                details["from"],
+                details["to"],
                 here,
                 there,
-                own["max_key_count"],
+                details["max_key_count"],
                 performance["skr"],
                 values[0] if values else None,
                 link["qkdl_status"].lower(),

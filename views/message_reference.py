@@ -93,7 +93,7 @@ class Section:
 
 
 def sections(text: str) -> dict[str, Section]:
-    found: dict[str, Section] = {}
+    named_sections: dict[str, Section] = {}
     owners: list[str] = []
     comments: list[str] = []
     for line in text.splitlines():
@@ -104,15 +104,15 @@ def sections(text: str) -> dict[str, Section]:
         if start := STARTS.match(line):
             if start[1] != "oneof":
                 owners.append(start[2])
-                found[".".join(owners)] = Section(words)
+                named_sections[".".join(owners)] = Section(words)
             else:
                 owners.append(owners[-1])  # its fields are those of the message
         elif row := row_of(line, words):
-            found[".".join(dict.fromkeys(owners))].rows.append(row)
+            named_sections[".".join(dict.fromkeys(owners))].rows.append(row)
         if line.rstrip().endswith("}"):
             owners.pop()
         comments = []
-    return found
+    return named_sections
 
 
 def row_of(line: str, words: str) -> Row | None:

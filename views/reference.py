@@ -59,14 +59,14 @@ def verbs() -> Iterator[str]:
         yield f"### {title}"
         yield table(OPTIONS, [row for row, group in shared.items() if group == title])
     for parser, rows in tables.items():
-        own = [row for row in rows if row not in shared]
+        rows_here = [row for row in rows if row not in shared]
         groups = dict.fromkeys(shared[row] for row in rows if row in shared)
         yield f"## {parser.prog}"
         yield " ".join((parser.description or "").split())
         if groups:
             yield f"Of those above: {', '.join(groups)}."
-        if own:
-            yield table(OPTIONS, own)
+        if rows_here:
+            yield table(OPTIONS, rows_here)
 
 
 def options(parser: argparse.ArgumentParser) -> dict[Row, str]:

@@ -256,11 +256,13 @@ def _is_message(value: object) -> bool:
 def kinds() -> dict[int, type[Message]]:
     """Return the messages of datagrams by number; raise ImportError for a number that is taken."""
     named = Registry[type[Message]](DATAGRAMS, _is_message, {each.__name__: each for each in OWN})
-    found: dict[int, type[Message]] = {}
+    by_number: dict[int, type[Message]] = {}
     for name, kind in named.items():
-        if found.setdefault(kind.KIND, kind) is not kind:
-            raise ImportError(f"{DATAGRAMS}: {name} has the number of {found[kind.KIND].__name__}")
-    return found
+        if by_number.setdefault(kind.KIND, kind) is not kind:
+            raise ImportError(
+                f"{DATAGRAMS}: {name} has the number of {by_number[kind.KIND].__name__}"
+            )
+    return by_number
 
 
 @dataclass(frozen=True)

@@ -68,13 +68,13 @@ def to_fields(event: Event) -> dict[str, Any]:
             "block": block.number,
             "half": block.half,
         }
-    given = {
+    values = {
         "photon": event.photon,
         "port": event.port,
         "photons": event.photons,
         "lost": event.lost,
     }
-    fields |= {name: value for name, value in given.items() if value}
+    fields |= {name: value for name, value in values.items() if value}
     fields |= _further(event)
     return {**fields, "detail": event.detail} if event.detail else fields
 

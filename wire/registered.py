@@ -44,10 +44,10 @@ def _selection() -> Callable[..., EntryPoints]:
 
 def registered(group: str, taken: Collection[str] = ()) -> dict[str, EntryPoint]:
     """Return the entry points of a group by name; raise ImportError for a name that is taken."""
-    found = sorted(_selection()(group=group), key=lambda each: each.name)
-    named = {each.name: each for each in found}
-    if len(named) < len(found):
-        values = ", ".join(each.value for each in found)
+    entries = sorted(_selection()(group=group), key=lambda each: each.name)
+    named = {each.name: each for each in entries}
+    if len(named) < len(entries):
+        values = ", ".join(each.value for each in entries)
         raise ImportError(f"two entry points of {group} have the same name: {values}; remove one")
     if clashes := [f"{name} ({named[name].value})" for name in named if name in taken]:
         raise ImportError(f"{group}: {', '.join(clashes)}: qmn has this name itself; rename it")
@@ -56,12 +56,12 @@ def registered(group: str, taken: Collection[str] = ()) -> dict[str, EntryPoint]
 
 def only(option: str, group: str) -> EntryPoint:
     """Return the one entry point that an option needs; raise BadPackage for none or several."""
-    found = [*registered(group).values()]
-    if len(found) != 1:
-        values = ", ".join(each.value for each in found)
-        remedy = f"keep one of {values}" if found else "install one"
+    entries = [*registered(group).values()]
+    if len(entries) != 1:
+        values = ", ".join(each.value for each in entries)
+        remedy = f"keep one of {values}" if entries else "install one"
         raise BadPackage(f"{option}: one package provides {group}: {remedy}")
-    return found[0]
+    return entries[0]
 
 
 def load(entry: EntryPoint, fits: Callable[[Any], bool] = lambda _value: True) -> Any:
@@ -82,8 +82,8 @@ class Registry(Mapping[str, T]):
     One that cannot be used is logged and left out; a name that is taken is an ImportError.
     """
 
-    def __init__(self, group: str, fits: Callable[[Any], bool], own: Mapping[str, T]) -> None:
-        self._group, self._fits, self._own = group, fits, own
+    def __init__(self, group: str, fits: Callable[[Any], bool], members: Mapping[str, T]) -> None:
+        self._group, self._fits, self._own = group, fits, members
 
     @cached_property
     def _all(self) -> dict[str, T]:

@@ -137,8 +137,8 @@ def is_relayed(service: Service) -> bool:
 
 
 def uses_source(service: Service, by: Making = Making.SOURCE) -> bool:
-    own = by == Making.OPENER and service in OWN_LIGHT
-    return SOURCE in NEEDS.get(service, {}) and not own and by != Making.STATION
+    makes_its_own = by == Making.OPENER and service in OWN_LIGHT
+    return SOURCE in NEEDS.get(service, {}) and not makes_its_own and by != Making.STATION
 
 
 @cache

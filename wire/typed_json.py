@@ -48,20 +48,24 @@ def read_fields(
     return {name: _read(kinds[name], each, f"{place}.{name}") for name, each in content.items()}
 
 
-def _read(kind: Any, given: Any, place: str) -> Any:
+def _read(kind: Any, json_value: Any, place: str) -> Any:
     if kind in PLAIN:
-        return Path(_plain(str, given, place)) if kind is Path else _plain(kind, given, place)
-    if is_dataclass(given) or kind in (Any, object):  # read already, or of any kind
-        return given
+        return (
+            Path(_plain(str, json_value, place))
+            if kind is Path
+            else _plain(kind, json_value, place)
+        )
+    if is_dataclass(json_value) or kind in (Any, object):  # read already, or of any kind
+        return json_value
     if isinstance(kind, UnionType):
-        return _read(_fitting(get_args(kind), given, place), given, place)
+        return _read(_fitting(get_args(kind), json_value, place), json_value, place)
     origin, inner = get_origin(kind), get_args(kind)
     if origin is dict:
-        content = _plain(dict, given, place)
+        content = _plain(dict, json_value, place)
         return {name: _read(inner[1], value, f"{place}.{name}") for name, value in content.items()}
     if origin in (list, tuple):
-        return origin(_items(origin, inner, _plain(list, given, place), place))
-    return _read_dataclass(kind, _plain(dict, given, place), place)
+        return origin(_items(origin, inner, _plain(list, json_value, place), place))
+    return _read_dataclass(kind, _plain(dict, json_value, place), place)
 
 
 def _items(origin: Any, inner: tuple[Any, ...], items: list[Any], place: str) -> Iterator[Any]:
@@ -86,9 +90,9 @@ def _can_be_used(value: Any) -> bool:
     return not isinstance(value, int) or value.bit_length() <= MOST_BITS
 
 
-def _read_dataclass(kind: Any, given: dict[str, Any], place: str) -> Any:
-    given = {**getattr(kind, "EARLIER", {}), **given}
-    return kind(**read_fields(*_fields_of(kind), given, place))
+def _read_dataclass(kind: Any, content: dict[str, Any], place: str) -> Any:
+    content = {**getattr(kind, "EARLIER", {}), **content}
+    return kind(**read_fields(*_fields_of(kind), content, place))
 
 
 @cache

@@ -264,14 +264,14 @@ class _Batch:
             return self._branches
         selected, branches = [], []
         for branch in self._branches:
-            own = where[branch.members]
-            parts = [branch] if own.all() or not own.any() else _divided(branch, own)
+            mask = where[branch.members]
+            parts = [branch] if mask.all() or not mask.any() else _divided(branch, mask)
             branches += parts
             selected += [part for part in parts if where[part.members[0]]]
         self._branches = branches
         return selected
 
 
-def _divided(branch: _Branch, own: Mask) -> list[_Branch]:
-    parts = (np.flatnonzero(own), np.flatnonzero(~own))
+def _divided(branch: _Branch, selected: Mask) -> list[_Branch]:
+    parts = (np.flatnonzero(selected), np.flatnonzero(~selected))
     return [_Branch(branch.members[part], branch.state.take(part)) for part in parts]

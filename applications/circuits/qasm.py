@@ -164,7 +164,10 @@ class _Reader:
             self._fail(f"registers of {sizes} qubits do not pair up; name qubits")
         angles = [evaluate(argument, {}) for argument in arguments]
         for each in range(whole[0] if whole else 1):
-            qubits = (own[each] if len(own) > 1 else own[0] for own in registers)
+            qubits = (
+                register_qubits[each] if len(register_qubits) > 1 else register_qubits[0]
+                for register_qubits in registers
+            )
             yield from self._gates.apply(name, angles, tuple(qubits))
 
     def _measure(self) -> Iterator[Measure]:
@@ -183,10 +186,10 @@ class _Reader:
     def _barrier(self) -> Barrier:
         qubits: dict[int, None] = {}
         for operand in self._operands():
-            own = dict.fromkeys(self._qubits_of(operand))
-            if not qubits.keys().isdisjoint(own):
+            named = dict.fromkeys(self._qubits_of(operand))
+            if not qubits.keys().isdisjoint(named):
                 raise BadGate("barrier is given the same qubit twice; give it different ones")
-            qubits |= own
+            qubits |= named
         return Barrier(tuple(qubits))
 
     def _if(self) -> If:

@@ -57,18 +57,18 @@ def add_parser(verbs: Any) -> None:
 
 def call(arguments: argparse.Namespace) -> int:
     """Run and print; turn what is wrong into one line and an exit status."""
-    asked = read(CircuitRun, arguments)
+    run = read(CircuitRun, arguments)
     try:
-        circuit = read_circuit(read_source(asked.file), asked.format)
-        batches = run_circuit(circuit, BACKENDS[asked.backend], asked.shots, asked.seed)
+        circuit = read_circuit(read_source(run.file), run.format)
+        batches = run_circuit(circuit, BACKENDS[run.backend], run.shots, run.seed)
         counts = count(circuit, batches)
     except CircuitError as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
-    if asked.json:
-        print(json.dumps(facts(circuit, counts, asked), indent=2))
+    if run.json:
+        print(json.dumps(facts(circuit, counts, run), indent=2))
     else:
-        show(circuit, counts, asked)
+        show(circuit, counts, run)
     return 0
 
 

@@ -90,12 +90,12 @@ class Follower(line.Follower):
             shape = self.behind, states
             others.append((yield from self.right.ask(Topic.BASES, number, kinds, 2, shape)))
         name = self.side.block(number, half=1)
-        own: Symbols = line.seen((yield from do(Qnic.measure, name, IN_BASIS[kinds])))
-        yield self.answer(number, conference.disclosed(kinds, own), others)
+        outcomes: Symbols = line.seen((yield from do(Qnic.measure, name, IN_BASIS[kinds])))
+        yield self.answer(number, conference.disclosed(kinds, outcomes), others)
         arrived = yield from hear(Topic.ARRIVED, number, states, 1, BITS_TIMEOUT_S)
         yield from self._pass_on(self.side.say(Topic.ARRIVED, number, arrived, 1))
         with honest():
-            self.member.add_block(kinds, own, arrived.astype(bool))
+            self.member.add_block(kinds, outcomes, arrived.astype(bool))
 
     def _give_receipt(self, number: int, states: int) -> Steps[None]:
         """Prove that this host has a block, and pass on what proves it of those behind."""
@@ -104,8 +104,8 @@ class Follower(line.Follower):
             size = TAG_BYTES * self.behind
             others = yield from self.right.hear(Topic.RECEIPT, number, size, 255, BITS_TIMEOUT_S)
         with honest():
-            own = np.frombuffer(self.member.receipt(number, states), np.uint8)
-        yield self.side.say(Topic.RECEIPT, number, np.concatenate([own, others]), 8)
+            receipt = np.frombuffer(self.member.receipt(number, states), np.uint8)
+        yield self.side.say(Topic.RECEIPT, number, np.concatenate([receipt, others]), 8)
 
     def _correct(self, worst: Estimate) -> Steps[None]:
         """Correct, and tell whether it and those behind have the leader's bits."""

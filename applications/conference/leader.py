@@ -54,7 +54,7 @@ def summary(
         tests_in_x=key.in_x.sample,
         qber_x=key.in_x.qber,
         tests_in_z=key.worst.sample,
-        qber_z=[found.qber for found in key.in_z],
+        qber_z=[test.qber for test in key.in_z],
         leaked_bits=key.leaked_bits,
         key_bits=length,
         key_fraction=length / raw,
@@ -113,10 +113,10 @@ class Leader(line.Leader):
         kinds = kinds.astype(np.uint8)
         shape = len(self.options.names) - 1, states
         theirs = yield from right.ask(Topic.BASES, number, kinds, 2, shape)
-        own = line.seen((yield from do(Qnic.measure, right.block(number), IN_BASIS[kinds])))
+        outcomes = line.seen((yield from do(Qnic.measure, right.block(number), IN_BASIS[kinds])))
         with honest():
-            kept = self.key.add_block(kinds, own, theirs)
-        yield from right.tell(right.side.say(Topic.ARRIVED, number, kept, 1))
+            mask = self.key.add_block(kinds, outcomes, theirs)
+        yield from right.tell(right.side.say(Topic.ARRIVED, number, mask, 1))
 
     def _see_receipts(self, number: int, states: int) -> Steps[None]:
         size = TAG_BYTES * (len(self.options.names) - 1)
@@ -159,13 +159,13 @@ class Leader(line.Leader):
         heard = yield from right.hear(Topic.TAGS, NO_BLOCK, proofs.size, 255, KEYS_TIMEOUT_S)
         with honest():
             key.check(tags_of(heard))
-        ids, kept = key_ids(key.terms, final), False
+        ids, proven = key_ids(key.terms, final), False
         try:
             yield Work(self.keys.store, (key.terms, final))
             yield from right.tell(right.side.say(Topic.KEPT, NO_BLOCK, [], 1))
-            kept = True
+            proven = True
         finally:
-            if not kept:
+            if not proven:
                 self.keys.withdraw(key.terms, ids)
         elapsed_s = (yield Now()) - self.began_s
         yield Tell(summary(key, final.size, ids, elapsed_s, self.made, self.emitted))
@@ -175,13 +175,13 @@ class Leader(line.Leader):
         key, most = self.key, self.options.max_qber
         names = self.options.names[1:]
         tests = {"the parity in X": key.in_x}
-        tests |= {f"{name} in Z": found for name, found in zip(names, key.in_z, strict=True)}
-        for what, found in tests.items():
-            if found.sample and found.qber > most:
+        tests |= {f"{name} in Z": test for name, test in zip(names, key.in_z, strict=True)}
+        for what, test in tests.items():
+            if test.sample and test.qber > most:
                 raise SessionError(
                     Reason.TOO_NOISY,
-                    f"no key: of {found.sample} tests of {what} {found.errors} are wrong "
-                    f"({found.qber:.4f}), at most {most:g}: noise or an eavesdropper",
+                    f"no key: of {test.sample} tests of {what} {test.errors} are wrong "
+                    f"({test.qber:.4f}), at most {most:g}: noise or an eavesdropper",
                 )
         if key.length == 0:
             text = f"no secret bit in {key.raw.size} bits of {key.states} states"

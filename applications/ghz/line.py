@@ -199,18 +199,18 @@ class Leader(ABC):
     def _size(self) -> int:
         """Return how many states to begin, by the yield of those before."""
         share = self.states / self.emitted if self.states else 1.0
-        wanted = self.wanted() / share * (MARGIN if share < 1 else 1)
-        return max(1, min(int(np.ceil(wanted)), self.most))
+        needed = self.wanted() / share * (MARGIN if share < 1 else 1)
+        return max(1, min(int(np.ceil(needed)), self.most))
 
     def block(self, number: int, size: int) -> Steps[None]:
         """Make a block of states and use it."""
         right, name = self.right, self.qubits(number)
         self.emitted += size
-        kept = yield from self.pairs(number, size)
-        if not (yield from keep_of_all(name, kept)):
+        mask = yield from self.pairs(number, size)
+        if not (yield from keep_of_all(name, mask)):
             return
-        kept = yield from right.correct(number, np.zeros(np.count_nonzero(kept), dtype=np.uint8))
-        if states := (yield from keep_of_all(name, kept)):
+        mask = yield from right.correct(number, np.zeros(np.count_nonzero(mask), dtype=np.uint8))
+        if states := (yield from keep_of_all(name, mask)):
             self.made += states
             yield from self.use(number, states)
 
@@ -316,6 +316,8 @@ class Follower(ABC):
             yield from self.use(number, states)
             self.measured += states
 
-    def answer(self, number: int, own: Symbols, others: list[Table]) -> Say:
+    def answer(self, number: int, outcomes: Symbols, others: list[Table]) -> Say:
         """Tell outcomes: this host's, and those of all behind it."""
-        return self.side.say(Topic.OUTCOMES, number, np.vstack([own[None], *others]).ravel(), 2)
+        return self.side.say(
+            Topic.OUTCOMES, number, np.vstack([outcomes[None], *others]).ravel(), 2
+        )

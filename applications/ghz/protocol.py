@@ -71,13 +71,13 @@ class Follower(line.Follower):
             Topic.BASES, number, shape[0] * states, len(BASES) - 1, BITS_TIMEOUT_S
         )
         bases = words.astype(np.uint8).reshape(shape)
-        own = yield from self.outcomes(number, bases[0])
+        outcomes = yield from self.outcomes(number, bases[0])
         others = []
         if self.right is not None:
             behind = bases[1:]
             ask = self.right.ask(Topic.BASES, number, behind.ravel(), 2, behind.shape)
             others.append((yield from ask))
-        yield self.answer(number, own, others)
+        yield self.answer(number, outcomes, others)
 
     def outcomes(self, number: int, bases: Symbols) -> Steps[Symbols]:
         return line.seen((yield from do(Qnic.measure, self.qubits(number), bases)))

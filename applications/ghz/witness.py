@@ -41,9 +41,9 @@ class Tally:
     def add(self, bases: Table, outcomes: Table) -> None:
         there = (outcomes <= 1).all(axis=0)
         in_z = bases[0] == Z
-        found = outcomes[:, there & in_z]
-        self.in_z += found.shape[1]
-        self.equal += int(np.count_nonzero((found == found[:1]).all(axis=0)))
+        measured = outcomes[:, there & in_z]
+        self.in_z += measured.shape[1]
+        self.equal += int(np.count_nonzero((measured == measured[:1]).all(axis=0)))
         parity = outcomes[:, there & ~in_z].sum(axis=0) & 1
         sign = (bases[:, there & ~in_z] == Y).sum(axis=0) // 2 & 1
         self.in_x += parity.size

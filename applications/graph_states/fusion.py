@@ -89,17 +89,17 @@ class Fusion:
         for half in self.halves:
             if half.came:
                 yield from do(Qnic.rotate, self.block(state, half.layer, True), ["H"])
-        kept = self.qubits(state)
+        halves = self.qubits(state)
         for half in self.halves[1:]:
             name = self.block(state, half.layer, half.came)
-            yield from do(Qnic.controlled_x, kept, name)
+            yield from do(Qnic.controlled_x, halves, name)
             self._turn(turned, half.far, (yield from _measured(name, size, Z)))
         if self.is_hub:
-            self._turn(turned, self.place, (yield from _measured(kept, size, Y)))
+            self._turn(turned, self.place, (yield from _measured(halves, size, Y)))
             return turned
         if self.graph.hub and self.graph.hub in self.graph.neighbours(self.place):
-            yield from do(Qnic.rotate, kept, ["S_DAG"])
-        turned[:, ~(yield from store(kept))] = LOST
+            yield from do(Qnic.rotate, halves, ["S_DAG"])
+        turned[:, ~(yield from store(halves))] = LOST
         return turned
 
     @property
@@ -116,10 +116,10 @@ class Fusion:
         """Turn this host's qubits, and keep those that are not lost; return how many these are."""
         if self.is_hub:
             return int(np.count_nonzero(bits != LOST))
-        kept = self.qubits(state)
-        yield from do(Qnic.apply, kept, np.where(bits == 1, TURN, 0).astype(np.uint8))
-        yield from store(kept)  # to wait until they are used
-        return (yield from keep_of_all(kept, bits != LOST))
+        qubits = self.qubits(state)
+        yield from do(Qnic.apply, qubits, np.where(bits == 1, TURN, 0).astype(np.uint8))
+        yield from store(qubits)  # to wait until they are used
+        return (yield from keep_of_all(qubits, bits != LOST))
 
 
 def _measured(name: BlockName, size: int, basis: int) -> Steps[Symbols]:

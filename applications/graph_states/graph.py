@@ -62,11 +62,11 @@ class Graph:
             raise ValueError(f"no host of {self.hosts} is hub {self.hub}")
 
     def _joined(self) -> set[int]:
-        found, left = {0}, {0}
+        reached, left = {0}, {0}
         while left:
-            left = {there for here in left for there in self.neighbours(here)} - found
-            found |= left
-        return found
+            left = {there for here in left for there in self.neighbours(here)} - reached
+            reached |= left
+        return reached
 
     def neighbours(self, place: int) -> set[int]:
         return {b if a == place else a for a, b in self.edges if place in (a, b)}
@@ -81,8 +81,8 @@ class Graph:
             return self
         edges = set(self.edges) ^ set(combinations(sorted(self.neighbours(self.hub)), 2))
         order = {place: each for each, place in enumerate(self.members)}
-        kept = sorted(edge for edge in edges if self.hub not in edge)
-        return Graph(len(order), tuple((order[a], order[b]) for a, b in kept))
+        remaining = sorted(edge for edge in edges if self.hub not in edge)
+        return Graph(len(order), tuple((order[a], order[b]) for a, b in remaining))
 
     def due(self, place: int) -> list[int]:
         """Return at which hosts Z is due where it is at one: for a hub, at its neighbours."""
@@ -138,21 +138,21 @@ class Graph:
     @cached_property
     def colours(self) -> tuple[int, ...]:
         """Return a colour for each host, other than those of its neighbours; two if that can be."""
-        found = self._two_colours()
-        if any(found[a] == found[b] for a, b in self.edges):
-            found = {}
+        by_place = self._two_colours()
+        if any(by_place[a] == by_place[b] for a, b in self.edges):
+            by_place = {}
             for place in range(self.hosts):
-                taken = {found.get(there) for there in self.neighbours(place)}
-                found[place] = next(each for each in range(self.hosts) if each not in taken)
-        return tuple(found[place] for place in range(self.hosts))
+                taken = {by_place.get(there) for there in self.neighbours(place)}
+                by_place[place] = next(each for each in range(self.hosts) if each not in taken)
+        return tuple(by_place[place] for place in range(self.hosts))
 
     def _two_colours(self) -> dict[int, int]:
-        found, left, colour = {0: 0}, {0}, 0
+        by_place, left, colour = {0: 0}, {0}, 0
         while left:
             colour ^= 1
-            left = {there for here in left for there in self.neighbours(here)} - found.keys()
-            found |= dict.fromkeys(left, colour)
-        return found
+            left = {there for here in left for there in self.neighbours(here)} - by_place.keys()
+            by_place |= dict.fromkeys(left, colour)
+        return by_place
 
 
 def _ring(hosts: int) -> list[Edge]:

@@ -81,10 +81,10 @@ class Leader(protocol.Leader):
             size = yield from fusion.keep(number, layer, there)
             if not size:
                 return
-        found = yield from fusion.fuse(number, size)
-        others = found[1:].ravel()
+        fused = yield from fusion.fuse(number, size)
+        others = fused[1:].ravel()
         answers = yield from self.right.ask(Topic.CORRECTIONS, number, others, 2, (1, size))
-        if states := (yield from fusion.correct(number, combined(found[0], answers[0]))):
+        if states := (yield from fusion.correct(number, combined(fused[0], answers[0]))):
             self.made += states
             yield from self.use(number, states)
 
@@ -151,17 +151,17 @@ class Follower(protocol.Follower):
     def _made(self, fusion: Fusion, number: int, size: int) -> Steps[None]:
         """Fuse, tell what others turn their qubits by, turn the own ones, and use what is left."""
         place, hosts = fusion.place, fusion.graph.hosts
-        found = yield from fusion.fuse(number, size)
+        fused = yield from fusion.fuse(number, size)
         self.fused += size * (len(fusion.halves) > 1)
         count = (hosts - place) * size
         heard = yield from hear(Topic.CORRECTIONS, number, count, LOST, BITS_TIMEOUT_S)
-        behind = combined(found[place:], heard.astype(np.uint8).reshape(-1, size))
+        behind = combined(fused[place:], heard.astype(np.uint8).reshape(-1, size))
         before = np.zeros((place + 1, size), dtype=np.uint8)
         if self.right is not None:
             bits, shape = behind[1:].ravel(), before.shape
             before = yield from self.right.ask(Topic.CORRECTIONS, number, bits, 2, shape)
         states = yield from fusion.correct(number, combined(behind[0], before[-1]))
-        passed = combined(found[:place], before[:-1])
+        passed = combined(fused[:place], before[:-1])
         yield self.side.say(Topic.OUTCOMES, number, passed.ravel(), 2)
         if states:
             yield from self.use(number, states)

@@ -49,12 +49,12 @@ class Stabilisers:
         neighbours. Of each edge between two that are chosen comes a sign, and of each two Y.
         """
         there = (outcomes <= 1).all(axis=0)
-        chosen, found = (bases[:, there] != Z).astype(np.uint8), outcomes[:, there]
+        chosen, measured = (bases[:, there] != Z).astype(np.uint8), outcomes[:, there]
         used = chosen | self._neighbours(chosen)
         signs = sum(chosen[a] & chosen[b] for a, b in self.graph.edges)
         signs = signs + (bases[:, there] == Y).sum(axis=0) // 2
-        self.states += found.shape[1]
-        self.right += int(np.count_nonzero((found & used).sum(axis=0) & 1 == signs & 1))
+        self.states += measured.shape[1]
+        self.right += int(np.count_nonzero((measured & used).sum(axis=0) & 1 == signs & 1))
 
     def summary(self) -> dict[str, Any]:
         """Return the fidelity and its standard error; None where nothing is known."""
@@ -89,8 +89,8 @@ class Colours:
 
     def add(self, bases: Table, outcomes: Table) -> None:
         there = (outcomes <= 1).all(axis=0)
-        in_x, found = bases[:, there] == X, outcomes[:, there]
-        wrong = (found + self.graph.adjacency @ found) & 1 & in_x
+        in_x, measured = bases[:, there] == X, outcomes[:, there]
+        wrong = (measured + self.graph.adjacency @ measured) & 1 & in_x
         colours = self._colours[in_x.argmax(axis=0)]
         self.seen += np.bincount(colours, minlength=self.seen.size)
         self.passed += np.bincount(colours[~wrong.any(axis=0)], minlength=self.seen.size)

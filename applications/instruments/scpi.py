@@ -222,16 +222,16 @@ class ScpiSwitch:
         }
 
     async def _condition(self) -> Condition:
-        own = await self._ours()
-        if self._made is not None and own != self._made:
+        connections = await self._ours()
+        if self._made is not None and connections != self._made:
             raise HardwareFault(
                 f"matrix switch at {self._address}: somebody else has changed its connections "
-                f"to {scpi_link.pairs(own)}; start the agent again to make its own"
+                f"to {scpi_link.pairs(connections)}; start the agent again to make its own"
             )
         failed = await self._failed_ports()
         stuck = {
             (self._by_ingress[ingress], self._by_egress[egress])
-            for ingress, egress in own.items()
+            for ingress, egress in connections.items()
             if failed & {ingress, egress}
             if ingress in self._by_ingress and egress in self._by_egress
         }

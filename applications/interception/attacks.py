@@ -110,13 +110,13 @@ class PathLosses:
         expected, onward = (10 ** (-loss / 10) for loss in (self.expected_db, self.onward_db))
         counts = np.arange(len(pulses))
         there = np.asarray(pulses, dtype=np.float64)
-        wanted = float(there @ (1 - (1 - expected) ** counts))
+        clicks = float(there @ (1 - (1 - expected) ** counts))
         left = np.where(counts >= SEVERAL, counts - 1, 0)
         by_several = float(there @ (1 - (1 - onward) ** left))
-        if by_several >= wanted:
-            return 0.0, wanted / by_several if by_several else 0.0
+        if by_several >= clicks:
+            return 0.0, clicks / by_several if by_several else 0.0
         singles = float(there[1]) * onward if len(pulses) > 1 else 0.0
-        return min(1.0, (wanted - by_several) / singles) if singles else 0.0, 1.0
+        return min(1.0, (clicks - by_several) / singles) if singles else 0.0, 1.0
 
 
 @dataclass
@@ -163,10 +163,10 @@ class PhotonSplitting:
 
     def _keep(self, block: BlockName, photons: int) -> Steps[None]:
         """Store photons that were split off; those that came first make room for them."""
-        kept = sum(count for _block, count in self._kept) + photons
-        while self._kept and kept > self._capacity:
+        total = sum(count for _block, count in self._kept) + photons
+        while self._kept and total > self._capacity:
             gone = yield from self._discard()
-            kept, self._split.discarded = kept - gone, self._split.discarded + gone
+            total, self._split.discarded = total - gone, self._split.discarded + gone
         self._kept.append((block, photons))
         if photons > self._capacity:
             self._split.discarded += yield from self._discard()

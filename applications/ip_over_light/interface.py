@@ -31,8 +31,8 @@ class Interface:
         self, config: IpOverLightConfig, tun: Tun, failed: Callable[[BaseException], None]
     ) -> None:
         self._config, self._tun, self._failed = config, tun, failed
-        own = [each for each in (config.address, config.address6) if each]
-        self._addresses = {address.version: address for address in map(ip_address, own)}
+        texts = [each for each in (config.address, config.address6) if each]
+        self._addresses = {address.version: address for address in map(ip_address, texts)}
         routers = [each for each in (config.router, config.router6) if each]
         self._routers = {address.version: address for address in map(ip_address, routers)}
         self._network = IPv4Network((config.address, config.prefix_length), strict=False)
@@ -116,8 +116,8 @@ class Interface:
     def _receive(self, connection: QuantumSocket, outgoing: Outgoing, service: str) -> None:
         """Pass on what one session of another host brings, until its end."""
         stream = PacketStream(self._config.mtu)
-        given = outgoing.neighbor.address, outgoing.neighbor.address6
-        sources = {ip_address(each) for each in given if each}
+        addresses = outgoing.neighbor.address, outgoing.neighbor.address6
+        sources = {ip_address(each) for each in addresses if each}
         try:
             with connection:
                 while data := connection.recv(READ_BYTES):
@@ -131,8 +131,8 @@ class Interface:
             outgoing.incoming(service, -1)
 
     def deliver(self, packet: Packet, sources: Set[IPv4Address | IPv6Address]) -> None:
-        own = self._addresses.get(packet.destination.version)
-        if packet.source in sources and packet.destination == own:
+        address = self._addresses.get(packet.destination.version)
+        if packet.source in sources and packet.destination == address:
             self._tun.write(packet.data)
         else:
             log.warning("dropped: a packet of %s for %s", packet.source, packet.destination)

@@ -49,8 +49,8 @@ def ip_over_light(options: Q0Options) -> IpOverLight | None:
 
 def with_both_ways(options: Q0Options, network: NetworkOptions) -> NetworkOptions:
     """Return a network in which alice can receive, too, if q0 is wanted and the network is ours."""
-    known = TOPOLOGIES.get(network.topology)
-    fits = options.q0 and known is not None and "both_ways" in known.parameters
+    topology = TOPOLOGIES.get(network.topology)
+    fits = options.q0 and topology is not None and "both_ways" in topology.parameters
     return replace(network, both_ways=True) if fits else network
 
 

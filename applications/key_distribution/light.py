@@ -50,9 +50,9 @@ def record_of(outcomes: Symbols, bases: Symbols, rotation: int) -> Record:
     swapped, flipped = (rotation ^ rotation >> 1) & 1, rotation & 1
     settings = (bases[tested] - np.uint8(PAULI_BASES)) ^ np.uint8(swapped)
     bell = BellOutcomes(tested, settings, outcomes[tested] ^ np.uint8(flipped))
-    own = np.where(halfway, 0, bases).astype(np.uint8)
-    rest = np.where(halfway, NO_COINCIDENCE, turned_back(outcomes, own, rotation))
-    return Record(own, rest.astype(np.uint8), tests=bell)
+    chosen = np.where(halfway, 0, bases).astype(np.uint8)
+    rest = np.where(halfway, NO_COINCIDENCE, turned_back(outcomes, chosen, rotation))
+    return Record(chosen, rest.astype(np.uint8), tests=bell)
 
 
 def next_photons(count: int, sifted: int, seen: int, on_the_way: int, most: int) -> int:
@@ -64,10 +64,10 @@ def next_photons(count: int, sifted: int, seen: int, on_the_way: int, most: int)
     missing = count - sifted - share * on_the_way
     if missing <= 0:
         return 0
-    wanted = ceil(MARGIN * missing / share) + MARGIN_PHOTONS
+    needed = ceil(MARGIN * missing / share) + MARGIN_PHOTONS
     likely = min(1.0, MOST_SHARE * share) if seen else 1.0
     room = int((MAX_KEY_BITS - sifted) / likely) - on_the_way
-    return max(0, min(wanted, most, room, int(MAX_PHOTONS * EVEN_CHANCE / likely)))
+    return max(0, min(needed, most, room, int(MAX_PHOTONS * EVEN_CHANCE / likely)))
 
 
 def detecting(side: Side, name: BlockName, key: bytes) -> Steps[Light]:

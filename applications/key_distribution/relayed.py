@@ -81,10 +81,10 @@ class Pulses:
         """Take the word to launch, or what the relay has announced."""
         match message.topic:
             case Topic.LAUNCH if not self.launched:
-                own = LEVELS if self.levels is not None else 1
+                ours = LEVELS if self.levels is not None else 1
                 (theirs,) = expect(message, Topic.LAUNCH, self.number, 1, MOST_LEVELS).tolist()
-                if theirs != own:
-                    raise SessionError(Reason.UNSUPPORTED, unlike(self.side, theirs, own))
+                if theirs != ours:
+                    raise SessionError(Reason.UNSUPPORTED, unlike(self.side, theirs, ours))
                 self.launched = True
                 yield Concurrently(self.send())
             case Topic.ARRIVED if self.launched and self.arrived is None:
@@ -95,9 +95,9 @@ class Pulses:
                 raise out_of_turn(message, self.side.peer)
 
 
-def unlike(side: HostSide, theirs: int, own: int) -> str:
+def unlike(side: HostSide, theirs: int, ours: int) -> str:
     return (
-        f"mdi of pulses of {theirs} and of {own} intensities: give the sources of {side.peer} and "
+        f"mdi of pulses of {theirs} and of {ours} intensities: give the sources of {side.peer} and "
         f"{side.host} decoys, or neither of them"
     )
 
@@ -128,8 +128,8 @@ def send_to_relay(side: OpenerSide, number: int, photons: int, *, decoys: bool) 
     pulses = yield from prepared(side, number, photons, name, decoys)
     yield side.say(Topic.LAUNCH, number, [LEVELS if decoys else 1], 8)
     yield from pulses.send()
-    found = yield Announce(number, photons)
-    yield Say(announcement(side.setup.session, number, found))
+    heralds = yield Announce(number, photons)
+    yield Say(announcement(side.setup.session, number, heralds))
     return Record(pulses.bases, pulses.bits, pulses.levels)
 
 

@@ -88,8 +88,8 @@ async def make_key(
 
     def new_key(number: int) -> Alice:
         outgoing, incoming = pools(end, host, peer, number)
-        given = terms(end, number, parameters, outgoing, incoming, relayed=relayed)
-        return Alice(given, decoys)
+        key_terms = terms(end, number, parameters, outgoing, incoming, relayed=relayed)
+        return Alice(key_terms, decoys)
 
     store = partial(stored, end, peer, asyncio.Lock(), opened=True)
     protocol = OpenerOfKeys(end.side, options, light, new_key, progress, store)
@@ -121,8 +121,8 @@ async def accept_keys(
 
     def new_key(number: int) -> Bob:
         incoming, outgoing = pools(end, opener.peer, keyring_of(end.resources).host, number)
-        given = terms(end, number, opener.parameters, outgoing, incoming, relayed=relayed)
-        return Bob(given, decoys)
+        key_terms = terms(end, number, opener.parameters, outgoing, incoming, relayed=relayed)
+        return Bob(key_terms, decoys)
 
     store = partial(stored, end, opener.peer, asyncio.Lock(), opened=False)
     protocol = AcceptorOfKeys(end.side, light, opener, new_key, progress, store)

@@ -39,7 +39,7 @@ class Counts:
     bell: Correlations = field(default_factory=Correlations)
 
     def add(self, keys: End) -> None:
-        report, found = keys.report, keys.estimate
+        report, estimate = keys.report, keys.estimate
         self.raw += report.raw
         self.sifted += report.sifted
         self.blocks += keys.blocks_sifted
@@ -49,8 +49,8 @@ class Counts:
         self.single += keys.single_share * report.sifted
         self.multi_photon = keys.multi_photon
         self.bell.include(keys.bell)
-        if found is not None:
-            self.estimate = self.estimate.beside(found)
+        if estimate is not None:
+            self.estimate = self.estimate.beside(estimate)
         if keys.decoys is not None:
             self.means = tuple(keys.decoys.means)
 

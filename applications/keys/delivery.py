@@ -116,8 +116,8 @@ class KeyDelivery:
             self._register(host, caller, slaves[host][0])
         for host, route in relayed.items():
             await self._relaying.send(route, caller, slaves[host], keys)
-        if own := slaves.get(self._config.host):
-            self._waiting.add(caller, own, keys)
+        if reader := slaves.get(self._config.host):
+            self._waiting.add(caller, reader, keys)
         return keys
 
     def fetch(self, caller: str, master: str, ids: Sequence[UUID]) -> list[DeliveredKey]:
@@ -136,10 +136,10 @@ class KeyDelivery:
         for unwanted in assignment.void:
             self._stored.discard(host, unwanted)
         self._waiting.require_capacity(assignment.slaves, len(assignment.keys))
-        wanted = [each for key in assignment.keys for each in key.stored]
-        found = dict(zip(wanted, await self._stored.taken_by_id(host, wanted), strict=True))
+        key_ids = [each for key in assignment.keys for each in key.stored]
+        stored = dict(zip(key_ids, await self._stored.taken_by_id(host, key_ids), strict=True))
         keys = [
-            DeliveredKey(key.key_id, _opened(key, b"".join(found[each] for each in key.stored)))
+            DeliveredKey(key.key_id, _opened(key, b"".join(stored[each] for each in key.stored)))
             for key in assignment.keys
         ]
         self._waiting.add(assignment.master, assignment.slaves, keys)

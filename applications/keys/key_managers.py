@@ -172,14 +172,14 @@ def tell_shell(node: QuantumHost, managers: KeyManagers, host: str) -> None:
     copies = [(managers.authority, authority)]
     for sae in (sae for sae, place in managers.saes.items() if place == host):
         copies += zip(astuple(managers.files[sae]), astuple(in_folder(folder, sae)), strict=True)
-    for given, shown in copies:
-        shutil.copy(given, shown)
+    for file, shown in copies:
+        shutil.copy(file, shown)
     node.network.share(host, *(shown for _given, shown in copies))
-    own = in_folder(folder, application_name(host))
+    certificate = in_folder(folder, application_name(host))
     words = {
         "KME": managers.urls[host],
-        "SAE_CERT": own.certificate,
-        "SAE_KEY": own.private_key,
+        "SAE_CERT": certificate.certificate,
+        "SAE_KEY": certificate.private_key,
         "KME_CA": authority,
     }
     node.cmd("export " + " ".join(f'{name}="{value}"' for name, value in words.items()))

@@ -80,8 +80,8 @@ class Relaying:
             raise unauthorized()
         if manager_name(self._hosts[nodes[place - 1]]) != manager:
             raise unauthorized()
-        wanted = route_tag(self._config.device_key, relay.issued_ns, nodes)
-        if not compare_digest(wanted, relay.hops[place].tag):
+        tag = route_tag(self._config.device_key, relay.issued_ns, nodes)
+        if not compare_digest(tag, relay.hops[place].tag):
             raise unauthorized()
         if abs(self._time.stamp_ns() - relay.issued_ns) > ROUTE_S * NS:
             raise bad_request(f"the route is older than {ROUTE_S:g} s: ask for another")

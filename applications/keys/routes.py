@@ -55,13 +55,13 @@ class Routes(asyncio.DatagramProtocol):
         except MalformedPacket as error:
             log.warning("dropped, from %s: %s", address[0], error)
             return
-        asked = self._asked.pop(message.session, None)
-        if asked is None or asked.done():
+        future = self._asked.pop(message.session, None)
+        if future is None or future.done():
             return
         if isinstance(message, KeyRoute):
-            asked.set_result(message)
+            future.set_result(message)
         elif isinstance(message, Answer):
-            asked.set_exception(unavailable(f"the controller: {message.text}"))
+            future.set_exception(unavailable(f"the controller: {message.text}"))
 
     def error_received(self, error: Exception) -> None:
         """Go on: send again what could not be sent."""

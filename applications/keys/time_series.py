@@ -94,11 +94,11 @@ def summary(series: Iterable[Moment], elapsed_s: float) -> StoredKeyFigures:
 def words(happened: Moment) -> str:
     """Return a moment as people read it."""
     host = f"{happened.host}: " if happened.host else ""
-    known = {"at", "host", "event", "text", "opened", "withheld"}
+    shown = {"at", "host", "event", "text", "opened", "withheld"}
     rest = ", ".join(
         f"{name.replace('_', ' ')} {_text(value)}"
         for name, value in vars(happened).items()
-        if name not in known and value is not None
+        if name not in shown and value is not None
     )
     why = getattr(happened, "text", "")
     text = f"{host}{happened.event.replace('_', ' ')}{': ' if rest else ''}{rest}"

@@ -49,11 +49,11 @@ class WaitingKeys:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         for unfinished in folder.glob(f"*{UNFINISHED}"):
             unfinished.unlink()
-        found = sorted(map(_read, folder.iterdir()), key=lambda each: each[1].until_s)
+        entries = sorted(map(_read, folder.iterdir()), key=lambda each: each[1].until_s)
         latest_s = now_s() + FETCH_TIMEOUT_S  # by the clock of this network
         self._keys = {
             key_id: replace(waiting, until_s=min(waiting.until_s, latest_s))
-            for key_id, waiting in found
+            for key_id, waiting in entries
         }  # the oldest first
         self._counts: dict[str, int] = {}
         for waiting in self._keys.values():
@@ -82,8 +82,8 @@ class WaitingKeys:
 
     def fetch(self, caller: str, master: str, ids: Sequence[UUID]) -> list[DeliveredKey]:
         """Hand out keys to a slave; raise Refused, and hand out none, if one is not for it."""
-        found = [self._keys.get(each) for each in ids]
-        waiting = [each for each in found if each is not None and each.master == master]
+        entries = [self._keys.get(each) for each in ids]
+        waiting = [each for each in entries if each is not None and each.master == master]
         if any(caller not in each.slaves for each in waiting):
             raise unauthorized()
         if len(waiting) < len(ids) or any(caller not in each.missing for each in waiting):

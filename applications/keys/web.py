@@ -68,8 +68,8 @@ class Handler(RequestHandler):
             self.clear_header("Content-Type")
             self.finish()
             return
-        known = isinstance(error, (Refused, MalformedPacket))
-        self.finish(bodies.encode_refusal(str(error) if known else self._reason, details))
+        has_text = isinstance(error, (Refused, MalformedPacket))
+        self.finish(bodies.encode_refusal(str(error) if has_text else self._reason, details))
 
     def log_exception(self, kind: Any, error: Any, trace: Any) -> None:
         """Say in one line what was refused, and all of what was not foreseen."""

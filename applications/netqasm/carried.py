@@ -53,8 +53,8 @@ class CarriedApplication:
 
 
 def new_of(after: Collection[Entry], before: Collection[Entry]) -> list[Entry]:
-    known = {_content(each) for each in before}
-    names = {each.name for each in after if _content(each) not in known}
+    contents = {_content(each) for each in before}
+    names = {each.name for each in after if _content(each) not in contents}
     above = {str(parent) for name in names for parent in PurePosixPath(name).parents}
     return [each for each in after if each.name in names | above]
 

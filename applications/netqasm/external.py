@@ -39,11 +39,11 @@ def installed(
     exchanges = {role: Exchange(role, places[role], peers) for role in placement.stacks}
     module = ModuleType(NAME, __doc__)
     sockets = {"placement": placement, "exchanges": exchanges}
-    module.Socket = own = type("Socket", (Socket,), sockets)  # type: ignore[attr-defined]
-    ends = {role: _end(role, placement, own) for role in placement.stacks}
+    module.Socket = socket_type = type("Socket", (Socket,), sockets)  # type: ignore[attr-defined]
+    ends = {role: _end(role, placement, socket_type) for role in placement.stacks}
     words = {"placement": placement, "ends": ends}
     module.NetQASMConnection = type("NetQASMConnection", (Connection,), words)  # type: ignore[attr-defined]
-    channel = type("BroadcastChannel", (BroadcastChannel,), {"_socket_class": own})
+    channel = type("BroadcastChannel", (BroadcastChannel,), {"_socket_class": socket_type})
     module.BroadcastChannel = channel  # type: ignore[attr-defined]
     module.get_qubit_state = get_qubit_state  # type: ignore[attr-defined]
     module.simulate_application = partial(simulate_application, placement, on_round, ends)  # type: ignore[attr-defined]

@@ -32,10 +32,10 @@ def check_inputs(program: Path, role: str, inputs: Mapping[str, Any]) -> None:
         return
     positional = [*arguments.posonlyargs, *arguments.args]
     names = [each.arg for each in (*positional, *arguments.kwonlyargs)]
-    known = [name for name in names if name != GIVEN_ALWAYS]
+    accepted = [name for name in names if name != GIVEN_ALWAYS]
     for name in inputs:
         if name == GIVEN_ALWAYS or (name not in names and arguments.kwarg is None):
-            advice = remedy(name, known) if known else "it takes no input"
+            advice = remedy(name, accepted) if accepted else "it takes no input"
             text = f"input {role}.{name}: main of {program.name} has no such parameter"
             raise BadInput(f"{text}: {advice} (--input or {role}.yaml)")
     required = [each.arg for each in positional[: len(positional) - len(arguments.defaults)]]

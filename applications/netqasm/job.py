@@ -118,19 +118,19 @@ def checked(request: NetqasmRequest, hosts: Sequence[str]) -> Application:
         for role in roles:
             check_inputs(path / f"{PREFIX}{role}{SUFFIX}", role, inputs[role])
     of_file = {role: node for role, node in nodes.items() if node in hosts or role not in roles}
-    found = placement(roles, {**of_file, **dict(map(_placed, request.place))}, hosts)
-    notes = [*_other_nodes(nodes, of_file, found), *_other_network(folder / "network.yaml")]
-    return Application(path, found, inputs, request.rounds, notes)
+    places = placement(roles, {**of_file, **dict(map(_placed, request.place))}, hosts)
+    notes = [*_other_nodes(nodes, of_file, places), *_other_network(folder / "network.yaml")]
+    return Application(path, places, inputs, request.rounds, notes)
 
 
 def _other_nodes(
-    nodes: Mapping[str, Any], of_file: Mapping[str, Any], found: Mapping[str, str]
+    nodes: Mapping[str, Any], of_file: Mapping[str, Any], places: Mapping[str, str]
 ) -> list[str]:
     """Return a note about nodes of roles.yaml that are no hosts: nodes of a simulator's network."""
     others = {role: node for role, node in nodes.items() if role not in of_file}
     if not others:
         return []
-    instead = assigned({role: found[role] for role in others})
+    instead = assigned({role: places[role] for role in others})
     return [f"roles.yaml: there is no host {', '.join(map(str, others.values()))}; {instead}"]
 
 
@@ -220,10 +220,10 @@ def play(
         network.explain()
         raise
     finally:
-        kept = folder / "netqasm"
-        kept.mkdir(exist_ok=True)
-        copies.come_back(network, kept)
-        keep_logs(kept, map(network.runtime.written_folder, application.hosts.values()))
+        logs = folder / "netqasm"
+        logs.mkdir(exist_ok=True)
+        copies.come_back(network, logs)
+        keep_logs(logs, map(network.runtime.written_folder, application.hosts.values()))
 
 
 def keep_logs(folder: Path, written: Iterable[Path]) -> None:

@@ -62,9 +62,9 @@ def located(role: str, folder: Path, number: int | None = None) -> Iterator[None
         yield
     except Exception as error:
         frames = traceback.extract_tb(error.__traceback__)
-        own = [frame for frame in frames if Path(frame.filename).is_relative_to(folder)]
+        of_program = [frame for frame in frames if Path(frame.filename).is_relative_to(folder)]
         words = [role] if number is None else [role, f"round {number + 1}"]
-        words += [f"{Path(each.filename).name}, line {each.lineno}" for each in own[-1:]]
+        words += [f"{Path(each.filename).name}, line {each.lineno}" for each in of_program[-1:]]
         place = ", ".join(words)
         if isinstance(error, QuantumSocketError):
             raise QuantumSocketError(f"{place}: {error}", error.reason) from error
@@ -98,17 +98,17 @@ def main() -> int:
     set_log_level("INFO")
 
     def work_of_rank() -> None:
-        own = sys.stdout
+        stream = sys.stdout
 
         def on_round(number: int) -> None:
-            with redirect_stdout(own):
+            with redirect_stdout(stream):
                 say("round", {"round": number})
 
         with installed(placement, on_round), redirect_stdout(sys.stderr):
             rank, size = list(placement.hosts).index(role), len(placement.hosts)
             with located(role, folder):
-                found = counts(arguments.path, rank, size, arguments.rounds)
-        say("result", {"round": 0, "output": found})
+                totals = counts(arguments.path, rank, size, arguments.rounds)
+        say("result", {"round": 0, "output": totals})
         say("done", {"rounds": arguments.rounds})
 
     def work() -> None:

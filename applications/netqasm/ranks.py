@@ -27,20 +27,20 @@ def counts(file: Path, rank: int, size: int, shots: int) -> dict[str, int]:
         NetQASMRunConfig,
     )
 
-    found: dict[int, dict[str, int]] = {}
+    by_rank: dict[int, dict[str, int]] = {}
 
     def take(_simulator: object) -> None:
-        found.update((each.rank, each.results) for each in NetQASMCommunicator.communicators)
+        by_rank.update((each.rank, each.results) for each in NetQASMCommunicator.communicators)
 
     config = NetQASMRunConfig(shots=shots, post_function=take)
     executor = NetQASMExecutorAdapter(size, config)
     beginnings = executor.build_apps(str(file), size)
-    own = beginnings.pop(rank)
-    executor.run([*map(_silent, beginnings), own])
-    if not found:
+    beginning = beginnings.pop(rank)
+    executor.run([*map(_silent, beginnings), beginning])
+    if not by_rank:
         text = "has to make one circuit within its communicator (with env.comm: ...)"
         raise NothingToDo(f"{file}: each of {size} ranks {text}")
-    return found[rank]
+    return by_rank[rank]
 
 
 def _silent(begin: Callable[[], None]) -> Callable[[], None]:

@@ -209,11 +209,11 @@ class Socket(BaseSocket):
     def _connect(self, limit_s: float) -> socket.socket:
         """Connect to a program that may not have begun yet."""
         address = self.placement.addresses[self.remote_app_name], TEXTS_PORT
-        own = self.placement.addresses[self.app_name], 0
+        source = self.placement.addresses[self.app_name], 0
         deadline = time.monotonic() + limit_s
         while True:
             try:
-                connection = socket.create_connection(address, TEXT_TIMEOUT_S, own)
+                connection = socket.create_connection(address, TEXT_TIMEOUT_S, source)
             except OSError as error:
                 if time.monotonic() > deadline:
                     text = f"{self.remote_app_name} did not listen at {address} in {limit_s:g} s"

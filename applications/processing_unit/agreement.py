@@ -54,13 +54,13 @@ class Agreement:
                 f"the processing unit of {self._remote} has not answered: {str(error) or 'timeout'}"
             )
             raise SessionError(_reason_of(error), text) from error
-        wanted = f"{self._request.pairs} pairs with {self._remote}: the other end"
+        subject = f"{self._request.pairs} pairs with {self._remote}: the other end"
         if answer.verdict != Verdict.READY:
             self._writer.close()
-            raise SessionError(Reason.UNSUPPORTED, f"{wanted} {REFUSALS[answer.verdict]}")
+            raise SessionError(Reason.UNSUPPORTED, f"{subject} {REFUSALS[answer.verdict]}")
         if answer.pairs > self._request.pairs:
             self._writer.close()
-            raise SessionError(Reason.PROTOCOL, f"{wanted} accepts {answer.pairs}")
+            raise SessionError(Reason.PROTOCOL, f"{subject} accepts {answer.pairs}")
         self.port, self.pairs = answer.port, answer.pairs
         return self
 

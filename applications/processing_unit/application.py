@@ -168,12 +168,12 @@ class Application:
         key = self._nodes[request.node], request.socket, remote_socket
         while request.left:
             can_keep = self._can_keep(request)
-            asked, made = await self._pair_service.receive(
+            agreed, made = await self._pair_service.receive(
                 key, request.left, can_keep, self._qubits
             )
             halves = request.add(made)
-            if asked.use == Use.MEASURE:
-                await self._measure(halves, asked.use, asked.receiver)
+            if agreed.use == Use.MEASURE:
+                await self._measure(halves, agreed.use, agreed.receiver)
             else:
                 self._keep(halves)
 
@@ -207,14 +207,14 @@ class Application:
         if NO_CLICK in outcomes:
             text = "no detector has clicked for half of a pair: take one of efficiency 1"
             raise SessionError(Reason.HARDWARE, text)
-        for half, *found in zip(halves, outcomes, bases, strict=True):
-            self._tell(half, use, *found)
+        for half, *outcome in zip(halves, outcomes, bases, strict=True):
+            self._tell(half, use, *outcome)
 
-    def _tell(self, half: Half, use: Use, found: int, *basis: int) -> None:
+    def _tell(self, half: Half, use: Use, outcome: int, *basis: int) -> None:
         """Write the facts of a pair as NetQASM lays them out: its number, or outcome and basis."""
         request, place = half.request, half.place
         lasted_us = min(half.lasted_us, MOST)
-        head = [use.value, 0, found, *basis, int(request.received), place, request.socket]
+        head = [use.value, 0, outcome, *basis, int(request.received), place, request.socket]
         row = [*head, request.node, lasted_us]
         row += [0] * (FIELDS - 1 - len(row)) + [PHI_PLUS]
         for field, value in enumerate(row):

@@ -156,18 +156,18 @@ class PairService:
         self, key: Key, pairs: int, can_keep: bool, qubits: Qubits
     ) -> tuple[PairRequest, Made]:
         """Return a request of another node, and this end's halves of at most `pairs` pairs."""
-        wanted = Wanted(pairs, can_keep, qubits)
-        self._wanted[key].append(wanted)
+        receiver = Wanted(pairs, can_keep, qubits)
+        self._wanted[key].append(receiver)
         try:
             async with self._changed:
                 self._changed.notify_all()
             async with asyncio.timeout(WANTED_TIMEOUT_S):
-                return await wanted.came
+                return await receiver.came
         except TimeoutError as error:
             text = f"no pairs from {key[0]} in {WANTED_TIMEOUT_S:g} s: does its program create them"
             raise SessionError(Reason.NO_LISTENER, f"{text}, for the same sockets?") from error
         finally:
-            self._forget(key, wanted)
+            self._forget(key, receiver)
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Serve another unit that wants pairs with an application here."""
@@ -209,8 +209,8 @@ class PairService:
         except TimeoutError:
             writer.write(PairAnswer(Verdict.NOBODY).encode())
             return
-        wanted = self._wanted[key].popleft()
-        verdict = wanted.verdict(request)
+        receiver = self._wanted[key].popleft()
+        verdict = receiver.verdict(request)
         try:
             if verdict != Verdict.READY:
                 writer.write(PairAnswer(verdict).encode())
@@ -219,27 +219,27 @@ class PairService:
                     f"{request.creator} asks for others: "
                     f"{request.pairs} pairs, {request.use.name.lower()}",
                 )
-            blocks = await self._arrived(request, wanted, writer)
+            blocks = await self._arrived(request, receiver, writer)
             made = Made(blocks, await reported_light_us(end))
         except (SessionError, HardwareError) as error:
-            wanted.fail(error)
+            receiver.fail(error)
         except asyncio.CancelledError:
             text = f"{request.creator} has asked for pairs, and gone before they were there"
-            wanted.fail(SessionError(Reason.PROTOCOL, text))
+            receiver.fail(SessionError(Reason.PROTOCOL, text))
             raise
         else:
-            if not wanted.came.done():  # the application may have gone meanwhile
-                wanted.came.set_result((request, made))
+            if not receiver.came.done():  # the application may have gone meanwhile
+                receiver.came.set_result((request, made))
 
     async def _arrived(
-        self, request: PairRequest, wanted: Wanted, writer: asyncio.StreamWriter
+        self, request: PairRequest, receiver: Wanted, writer: asyncio.StreamWriter
     ) -> list[BlockName]:
         """Return the halves of pairs that the creator has made after an answer."""
         port = FIRST_PORT + next(self._ports) % (LAST_PORT - FIRST_PORT)
-        pairs = min(request.pairs, wanted.pairs)
+        pairs = min(request.pairs, receiver.pairs)
 
         async def take(session: int) -> list[BlockName]:
-            return await self._take(session, RECEIVER, pairs, wanted.qubits)
+            return await self._take(session, RECEIVER, pairs, receiver.qubits)
 
         arriving = Arriving(request.creator, take)
         with self._sessions.expecting(port, (SERVICE,), arriving):
@@ -296,9 +296,9 @@ class PairService:
         emitted: int = max(summary["emitted"], summary.get("attempts", 0))
         return min(ceil(emitted * 1e6 / self._rate_hz), MAX_LIGHT_US)
 
-    def _forget(self, key: Key, wanted: Wanted) -> None:
+    def _forget(self, key: Key, receiver: Wanted) -> None:
         with suppress(ValueError):  # taken up already
-            self._wanted[key].remove(wanted)
+            self._wanted[key].remove(receiver)
         if not self._wanted[key]:
             del self._wanted[key]
 

@@ -139,10 +139,10 @@ class Alice(End):
                 AbortReason.PROTOCOL, f"a test of {message.photons} photons, not {record.photons}"
             )
         tested = np.flatnonzero(unpack(message.tested, record.photons))
-        count, own = tested.size, record.of(tested)
+        count, tests = tested.size, record.of(tested)
         settings, theirs = unpack(message.settings, count), unpack(message.bits, count)
-        clicked = own.outcomes != NO_CLICK
-        bases, mine = own.bases[clicked], own.outcomes[clicked]
+        clicked = tests.outcomes != NO_CLICK
+        bases, mine = tests.bases[clicked], tests.outcomes[clicked]
         self.bell.add(bases, settings[clicked], mine ^ theirs[clicked])
         return BellAnswer(message.block, count, pack(clicked), pack(bases), pack(mine))
 
@@ -156,14 +156,14 @@ class Alice(End):
             clicked, clicks = detections.clicked, detections.clicks
         except MalformedPacket as error:
             raise SessionFailed(AbortReason.MALFORMED, str(error)) from error
-        own = record.of(clicked)
-        kept = choose(own, unpack(detections.bases, clicks))
-        sifted = own.of(kept)
+        seen = record.of(clicked)
+        choice = choose(seen, unpack(detections.bases, clicks))
+        sifted = seen.of(choice)
         self._keep(sifted, record.photons, clicks)
         if sifted.levels is not None:
             self._levels = np.append(self._levels, sifted.levels)
         mask = np.zeros(clicks, bool)
-        mask[kept] = True
+        mask[choice] = True
         return Sifted(detections.block, clicks, pack(mask))
 
     def _disclose(self) -> list[QkdMessage]:

@@ -160,9 +160,9 @@ class Cascade:
             sum(asked_blocks(first + i, self._key.size, size) for i in range(passes)),
         )
         for number in range(first, first + passes):
-            asked = asked_blocks(number, self._key.size, size)
-            self._add(_Pass(number, self._seed, self._key.size, size), answer[:asked])
-            answer = answer[asked:]
+            count = asked_blocks(number, self._key.size, size)
+            self._add(_Pass(number, self._seed, self._key.size, size), answer[:count])
+            answer = answer[count:]
 
     def _add(self, new: _Pass, parities: Bits) -> None:
         if new.number == 0:

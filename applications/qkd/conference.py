@@ -130,8 +130,8 @@ class Transcript:
         return lengths + b"".join(self._messages)
 
 
-def _of_block(kinds: Bits, reported: Bits, kept: NDArray[np.bool_]) -> list[bytes]:
-    return [kinds.size.to_bytes(8, "big"), pack_levels(kinds), pack_levels(reported), pack(kept)]
+def _of_block(kinds: Bits, reported: Bits, mask: NDArray[np.bool_]) -> list[bytes]:
+    return [kinds.size.to_bytes(8, "big"), pack_levels(kinds), pack_levels(reported), pack(mask)]
 
 
 def _of_end(parities: Bits, proof: bytes, length: int, seed: Bits) -> list[bytes]:
@@ -162,24 +162,24 @@ class Leader:
         for transcript, receipt in zip(self._transcripts, receipts, strict=True):
             transcript.check_receipt(number, states, receipt)
 
-    def add_block(self, kinds: Bits, own: Bits, reported: Table) -> NDArray[np.bool_]:
+    def add_block(self, kinds: Bits, outcomes: Bits, reported: Table) -> NDArray[np.bool_]:
         """Take in the outcomes of a block; return which states all have seen, shape (k,)."""
-        kept: NDArray[np.bool_] = (own != MISSED) & (reported != MISSED).all(axis=0)
+        mask: NDArray[np.bool_] = (outcomes != MISSED) & (reported != MISSED).all(axis=0)
         if reported[:, kinds == KEY][reported[:, kinds == KEY] != MISSED].any():
             raise Contradiction("a host has disclosed bits of the key")
         for transcript, row in zip(self._transcripts, reported, strict=True):
-            transcript.add(*_of_block(kinds, row, kept))
-        tested = kept & (kinds == TEST_X)
-        odd = (own[tested] + reported[:, tested].sum(axis=0)) & 1
+            transcript.add(*_of_block(kinds, row, mask))
+        tested = mask & (kinds == TEST_X)
+        odd = (outcomes[tested] + reported[:, tested].sum(axis=0)) & 1
         self.in_x = self.in_x.beside(Estimate(int(odd.sum()), odd.size))
-        tested = kept & (kinds == TEST_Z)
+        tested = mask & (kinds == TEST_Z)
         for host, row in enumerate(reported):
-            wrong = int(np.count_nonzero(row[tested] != own[tested]))
+            wrong = int(np.count_nonzero(row[tested] != outcomes[tested]))
             estimate = Estimate(wrong, int(np.count_nonzero(tested)))
             self.in_z[host] = self.in_z[host].beside(estimate)
-        self._parts.append(own[kept & (kinds == KEY)])
-        self.states += int(np.count_nonzero(kept))
-        return kept
+        self._parts.append(outcomes[mask & (kinds == KEY)])
+        self.states += int(np.count_nonzero(mask))
+        return mask
 
     @property
     def raw(self) -> Bits:
@@ -234,12 +234,12 @@ class Member:
         """Return what proves that this number of states of a block is in this host's memory."""
         return self._transcript.receipt(number, states)
 
-    def add_block(self, kinds: Bits, own: Bits, kept: NDArray[np.bool_]) -> None:
+    def add_block(self, kinds: Bits, outcomes: Bits, mask: NDArray[np.bool_]) -> None:
         """Take in the outcomes of a block, and which states all have seen."""
-        if (own[kept] == MISSED).any():
+        if (outcomes[mask] == MISSED).any():
             raise Contradiction("the leader keeps states that this host has not seen")
-        self._transcript.add(*_of_block(kinds, disclosed(kinds, own), kept))
-        self._parts.append(own[kept & (kinds == KEY)])
+        self._transcript.add(*_of_block(kinds, disclosed(kinds, outcomes), mask))
+        self._parts.append(outcomes[mask & (kinds == KEY)])
 
     def correct(self, worst: Estimate, parities: Bits, proof: bytes) -> bool:
         """Correct the bits; return whether they are the leader's, by a hash and its key before."""

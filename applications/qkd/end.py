@@ -352,9 +352,9 @@ class End(ABC):
         qber, size = self._estimate.qber, self._raw.size + self._estimate.sample
         for bits in (size << doubled for doubled in range(1, DOUBLINGS)):
             sample = round(bits * self._estimate.sample / size)
-            kept = bits - sample
-            leaked = int(kept * binary_entropy(qber))
-            if self._parameters.key_length(kept, sample, qber, leaked, 0):
+            left = bits - sample
+            leaked = int(left * binary_entropy(qber))
+            if self._parameters.key_length(left, sample, qber, leaked, 0):
                 return f", some {round(bits, -2):,} bits (--count)"
         return ""
 

@@ -142,9 +142,9 @@ class ReferenceKey:
         stops = np.minimum(starts + query.size, self._key.size)
         answers = []
         for number in numbers:
-            asked = asked_blocks(number, self._key.size, query.size)
+            count = asked_blocks(number, self._key.size, query.size)
             prefix = self._prefix(number)
-            answers.append(prefix[starts[:asked]] ^ prefix[stops[:asked]])
+            answers.append(prefix[starts[:count]] ^ prefix[stops[:count]])
         return np.concatenate(answers)
 
     def _intervals(self, query: Intervals) -> Bits:

@@ -44,10 +44,10 @@ def mixed(seed: bytes, purpose: str, size: int) -> Indices:
             left = _sum(left, (words[at : at + rights] % lefts).take(right), lefts)
             at += rights
     every = (left.astype(np.int64) << low | right).ravel()
-    found = every[:size]
-    while (beyond := np.flatnonzero(found >= size)).size:
-        found[beyond] = every[found[beyond]]
-    return found
+    places = every[:size]
+    while (beyond := np.flatnonzero(places >= size)).size:
+        places[beyond] = every[places[beyond]]
+    return places
 
 
 def _sum(one: _Digits, other: _Digits, base: int) -> _Digits:

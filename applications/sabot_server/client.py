@@ -118,8 +118,8 @@ class RemoteSabot:
     def bell_measure(
         self, first: Register, second: Register, draws: tuple[PhotonDraws, PhotonDraws]
     ) -> Bytes:
-        own, others = map(_draws, draws)
-        self._ask("BellMeasure", first, other=_number(second), draws=own, other_draws=others)
+        drawn, others = map(_draws, draws)
+        self._ask("BellMeasure", first, other=_number(second), draws=drawn, other_draws=others)
         return self._outcomes()
 
     def reset(self, register: Register, mask: Mask, draws: PhotonDraws) -> None:
@@ -134,14 +134,14 @@ class RemoteSabot:
             some = met[start : start + most]
             part = np.zeros(register.size, dtype=bool)
             part[some] = True
-            own = of_qubits(operators, some)
+            chosen = of_qubits(operators, some)
             request = messages.KrausRequest(
                 workspace=self._workspace,
                 register=_number(register),
                 mask=packed_mask(part),
                 operators=count,
-                real=own.real.ravel(),
-                imaginary=own.imag.ravel(),
+                real=chosen.real.ravel(),
+                imaginary=chosen.imag.ravel(),
                 draws=_draws(draws),
             )
             self._done = self._call(self._stub.Kraus, request)

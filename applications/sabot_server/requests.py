@@ -193,14 +193,14 @@ def operators(request: messages.KrausRequest, mask: Mask) -> Operators:
         )
     values = np.array(request.real) + 1j * np.array(request.imaginary)
     alike = length == 4 * count
-    own: Operators = values.reshape((count, 2, 2) if alike else (met, count, 2, 2))
-    if (wrong := wrong_with(own, met)) is not None:
+    kraus: Operators = values.reshape((count, 2, 2) if alike else (met, count, 2, 2))
+    if (wrong := wrong_with(kraus, met)) is not None:
         raise invalid(f"Kraus operators: {wrong}; send those of a channel")
     if alike:
-        return own
+        return kraus
     every = np.zeros((mask.size, count, 2, 2), dtype=np.complex128)
     every[:, 0] = np.eye(2)
-    every[mask] = own
+    every[mask] = kraus
     return every
 
 

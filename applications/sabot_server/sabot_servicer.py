@@ -46,12 +46,12 @@ def dumped(
             if share.component in seen:
                 continue
             seen.add(share.component)
-            places = [_positions(own) for own in share.component.shares]
+            places = [_positions(places_of) for places_of in share.component.shares]
             here = _positions(share)
             for member in np.flatnonzero(here < members):
                 reply = _state(share.component, int(member))
                 reply.position = int(here[member])
-                reply.positions.extend(int(own[member]) for own in places)
+                reply.positions.extend(int(places_of[member]) for places_of in places)
                 reply.registers.extend(map(workspace.number, _registers(share.component)))
                 yield reply
 

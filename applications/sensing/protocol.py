@@ -105,8 +105,8 @@ class Leader(line.Leader):
         shape = len(angles) - 1, size
         theirs = yield from self.right.ask(Topic.PROBES, number, [size, *angles[1:]], 32, shape)
         ours = yield from own_probes(self.right.block(number), size, angles[0])
-        for fringe, steps, found in zip(self.fringes, angles, [ours, *theirs], strict=True):
-            fringe.add(steps, found[found != LOST])
+        for fringe, steps, parities in zip(self.fringes, angles, [ours, *theirs], strict=True):
+            fringe.add(steps, parities[parities != LOST])
 
     def use(self, number: int, states: int) -> Steps[None]:
         """Let a block of states take all phases, and measure it."""
@@ -165,9 +165,9 @@ class Follower(line.Follower):
             shape = self.behind, size
             ask = self.right.ask(Topic.PROBES, number, [size, *behind], 32, shape)
             others.append((yield from ask))
-        own = yield from own_probes(self.side.block(PAIRS), size, steps)
+        outcomes = yield from own_probes(self.side.block(PAIRS), size, steps)
         self.measured += size
-        yield self.answer(number, own, others)
+        yield self.answer(number, outcomes, others)
 
     def use(self, number: int, states: int) -> Steps[None]:
         """Let a block of states take all phases behind, and this one, and measure it."""
@@ -177,5 +177,5 @@ class Follower(line.Follower):
         if self.right is not None:
             shape = self.behind, states
             others.append((yield from self.right.ask(Topic.ANGLES, number, behind, 32, shape)))
-        own = yield from exposed(self.side.block(number, half=1), steps)
-        yield self.answer(number, own, others)
+        outcomes = yield from exposed(self.side.block(number, half=1), steps)
+        yield self.answer(number, outcomes, others)

@@ -50,8 +50,8 @@ class Element(NamedTuple):
         """
         if self.name != ANY and self.name.rpartition(":")[2] != other.name.rpartition(":")[2]:
             return False
-        own = dict(other.keys)
-        return all(value == ANY or own.get(key) == value for key, value in self.keys)
+        values = dict(other.keys)
+        return all(value == ANY or values.get(key) == value for key, value in self.keys)
 
 
 Path = tuple[Element, ...]

@@ -146,14 +146,14 @@ def _take_in(side: HostSide, tally: Tally, number: int, size: int) -> Steps[tupl
         return 0, 0, 0
     # In one order: what is corrected is measured at once.
     operators = bits.astype(np.uint8) ^ np.uint8(side.setup.rotation)
-    found = yield from _compared(name, operators, states)
-    waited_us = (found.time_ns - stored.since_ns) // 1000
+    compared = yield from _compared(name, operators, states)
+    waited_us = (compared.time_ns - stored.since_ns) // 1000
     if not 0 <= waited_us <= MAX_NUMBER:
         raise SessionError(
             Reason.PROTOCOL, f"a wait of {waited_us} us is not of 0 to {MAX_NUMBER} us"
         )
-    there = seen & (found.outcomes != NO_COINCIDENCE)
-    agreed = there & (found.outcomes == 0)
+    there = seen & (compared.outcomes != NO_COINCIDENCE)
+    agreed = there & (compared.outcomes == 0)
     tally.sort(states, there, agreed)
     return int(np.count_nonzero(there)), int(np.count_nonzero(agreed)), waited_us
 
@@ -169,7 +169,7 @@ def _told(number: int, size: int) -> Steps[States]:
 def _compared(name: BlockName, operators: Symbols, states: States) -> Steps[Outcomes]:
     """Correct each qubit and measure its state: 0 as it should be, 1 orthogonal, 255 no click."""
     if isinstance(states, Cardinal):
-        found = yield from do(Qnic.outcomes, name, states.bases, operators)
-        agrees = np.where(found.outcomes <= 1, found.outcomes ^ states.bits, NO_COINCIDENCE)
-        return Outcomes(agrees.astype(np.uint8), found.time_ns)
+        measured = yield from do(Qnic.outcomes, name, states.bases, operators)
+        agrees = np.where(measured.outcomes <= 1, measured.outcomes ^ states.bits, NO_COINCIDENCE)
+        return Outcomes(agrees.astype(np.uint8), measured.time_ns)
     return (yield from do(Qnic.measure_along, name, states.directions, operators))

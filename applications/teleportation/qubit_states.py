@@ -120,14 +120,14 @@ def chosen(state: object, draws: np.random.Generator, size: int) -> States:
 def angles(state: object) -> tuple[float, float]:
     """Return theta and phi of a text such as 1.2,0.5 or pi/3,-pi/4; raise SessionError."""
     texts = state.split(",") if isinstance(state, str) else []
-    found = [_angle(text.strip()) for text in texts]
-    if len(found) != 2 or None in found:
+    angles_rad = [_angle(text.strip()) for text in texts]
+    if len(angles_rad) != 2 or None in angles_rad:
         raise SessionError(
             Reason.UNSUPPORTED,
             f"state {state!r}: choose one of {', '.join((RANDOM, *NAMES, HAAR))}, or angles "
             "THETA,PHI on the Bloch sphere in rad, as 1.2,0.5 or pi/3,-pi/4",
         )
-    (theta_rad, phi_rad) = (angle for angle in found if angle is not None)
+    (theta_rad, phi_rad) = (angle for angle in angles_rad if angle is not None)
     for name, angle, least, most in (
         ("theta", theta_rad, 0.0, pi),
         ("phi", phi_rad, -2 * pi, 2 * pi),

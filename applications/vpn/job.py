@@ -116,13 +116,13 @@ def run(request: VpnRequest, signals: Signals, console: Console) -> int:
     folder = begin_folder(request.run.runs, NAME)
     eve = scheduled_eavesdropper(request, description, folder)
     context = RunContext(eve.with_policy(description), request.run, folder, signals, console)
-    kept, hosts = KeysJob(), (request.sender, request.receiver)
-    facts = known_facts(context, NAME, hosts, kept, request)
+    job, hosts = KeysJob(), (request.sender, request.receiver)
+    facts = known_facts(context, NAME, hosts, job, request)
     with ending(folder, facts, result.complete, context.options.report) as ended:
         prepare = partial(require_installed, request)
         with no_dead_sockets(hosts), running_network(context, facts, prepare) as network:
-            use_network(request, network, eve, context, kept)
-        facts.delivered = isinstance(kept.asking, TunnelFigures) and kept.asking.file_intact
+            use_network(request, network, eve, context, job)
+        facts.delivered = isinstance(job.asking, TunnelFigures) and job.asking.file_intact
     result.show(console, facts, folder, ended.report)
     return 0 if facts.delivered else 1
 

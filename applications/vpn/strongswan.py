@@ -83,11 +83,11 @@ class StrongSwan:
         """Begin a handshake if none is going on; return whether it went well."""
         if not self.begins or not self._loaded:
             return False
-        found = self._associations(self._name)
-        if not found and time.monotonic() > self._begun_s + INITIATE_PAUSE_S:
+        associations = self._associations(self._name)
+        if not associations and time.monotonic() > self._begun_s + INITIATE_PAUSE_S:
             self._begun_s = time.monotonic()
             self._ask("initiate", {"ike": self._name, "child": CHILD, "timeout": AT_ONCE})
-        children = [child for each in found for child in each["child-sas"].values()]
+        children = [child for each in associations for child in each["child-sas"].values()]
         return any(child["state"] == INSTALLED for child in children)
 
     @property

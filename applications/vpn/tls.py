@@ -91,10 +91,10 @@ class Tls:
             self._send(ASKING)
 
     def _command(self, key_id: UUID) -> list[str]:
-        own, other = self._outside
-        way = ["s_client", "-connect", f"{other}:{PORT}", "-bind", own]
+        address, other = self._outside
+        way = ["s_client", "-connect", f"{other}:{PORT}", "-bind", address]
         if not self._begins:
-            way = ["s_server", "-accept", f"{own}:{PORT}", "-naccept", "1", "-nocert"]
+            way = ["s_server", "-accept", f"{address}:{PORT}", "-naccept", "1", "-nocert"]
         psk = ["-psk_identity", str(key_id), "-psk_session", str(self._file)]
         return [*WITH_US, "openssl", *way, "-quiet", "-tls1_3", "-ciphersuites", CIPHER, *psk]
 
@@ -133,8 +133,8 @@ class Tls:
             packet = decode(data, MTU)
         except MalformedPacket:
             return
-        own, other = (ip_address(each) for each in self._inside)
-        if (packet.source, packet.destination) == (other, own):
+        address, other = (ip_address(each) for each in self._inside)
+        if (packet.source, packet.destination) == (other, address):
             self._tun.write(packet.data)
 
 

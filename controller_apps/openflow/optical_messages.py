@@ -61,8 +61,10 @@ def modes_of(port: Any) -> int | None:
 def _part(port: Any) -> list[int] | None:
     """Return what our property of an inner port says, by 32 bits; None if there is none."""
     kind = parser.OFPPortDescPropExperimenter
-    found = (p for p in port.properties if isinstance(p, kind) and p.experimenter == EXPERIMENTER)
-    return next((list(prop.data) for prop in found), None)
+    properties = (
+        p for p in port.properties if isinstance(p, kind) and p.experimenter == EXPERIMENTER
+    )
+    return next((list(prop.data) for prop in properties), None)
 
 
 def port_optics(port: Any) -> PortOptics | None:

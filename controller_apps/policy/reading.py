@@ -169,9 +169,9 @@ def require_network(policy: Policy, names: Collection[str], copies: str) -> None
         for name in sorted(frozenset().union(*named) - set(names)):
             text = f"{place}: {name!r} is not a quantum switch of this network"
             raise BadPolicy(f"{text}: {remedy(name, sorted(names))}")
-    if (wanted := policy.metadata_at_switch) not in (None, copies):
-        text = f"metadata_at_switch is {wanted}, and this network is laid for {copies}"
-        raise BadPolicy(f"{text}: start one with this policy, or --metadata-at-switch {wanted}")
+    if (setting := policy.metadata_at_switch) not in (None, copies):
+        text = f"metadata_at_switch is {setting}, and this network is laid for {copies}"
+        raise BadPolicy(f"{text}: start one with this policy, or --metadata-at-switch {setting}")
 
 
 TABLES = {"device", "filter", "queue", "refusal", "report", "seal", "swap"}

@@ -205,18 +205,18 @@ class Search(NamedTuple):
         if path is None:
             return self._no_paths([leg], None, limits)
         heralded = self.setup.memory == MemoryState.HERALDED
-        found = swapping(network, path, count, limits, heralded)
-        if not isinstance(found, str):
-            wanted = block_pairs(self.setup, self.hosts, network)
-            most = most_pairs(network, found, wanted, 1 if heralded else MAX_UNDER_WAY)
-            return Admission(paths=found, block_pairs=most)
+        paths = swapping(network, path, count, limits, heralded)
+        if not isinstance(paths, str):
+            pairs = block_pairs(self.setup, self.hosts, network)
+            most = most_pairs(network, paths, pairs, 1 if heralded else MAX_UNDER_WAY)
+            return Admission(paths=paths, block_pairs=most)
         free = limits._replace(blocked=Limits().blocked)
         if not isinstance(swapping(network, path, count, free, heralded), str):
             return Admission(Reason.BUSY, waits_for_light=True)
         at_any_loss = free._replace(loss_budget_mdb=None)
         lossy = not isinstance(swapping(network, path, count, at_any_loss, heralded), str)
         reason = Reason.LOSS_TOO_HIGH if lossy else Reason.NO_CHAIN
-        return Admission(reason, detail=found, obstacle=found)
+        return Admission(reason, detail=paths, obstacle=paths)
 
     def _legs(self, limits: Limits) -> list[Leg] | Admission:
         """Return the ports that light must connect, or why it cannot."""

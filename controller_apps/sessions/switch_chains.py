@@ -135,12 +135,12 @@ def _halfway(network: Network, path: LightPath, limits: Limits) -> list[tuple[in
 
 
 def most_pairs(
-    network: Network, paths: Sequence[LightPath], wanted: int, blocks: int = MAX_UNDER_WAY
+    network: Network, paths: Sequence[LightPath], pairs: int, blocks: int = MAX_UNDER_WAY
 ) -> int:
     """Return how many pairs blocks of a chain may have: as many as all under way may be stored."""
     firsts = [SwitchPort(*path.hops[0][:2]) for path in paths]
     modes = [network.modes[at] for at in firsts if at in network.modes]
-    return max(1, min([wanted, *(each // blocks for each in modes)]))
+    return max(1, min([pairs, *(each // blocks for each in modes)]))
 
 
 def _most_loss_mdb(network: Network, path: LightPath, able: Sequence[tuple[int, Parts]]) -> int:

@@ -107,12 +107,12 @@ class _Table(NamedTuple):
 @cache
 def _table(dead_slots: int) -> _Table:
     dead, byte = np.divmod(np.arange(dead_slots * 256), 256)
-    found = np.zeros(byte.size, np.uint8)
+    detected = np.zeros(byte.size, np.uint8)
     for bit in range(8):
         sees = (dead == 0) & (byte >> bit & 1 == 1)
-        found |= sees.astype(np.uint8) << np.uint8(bit)
+        detected |= sees.astype(np.uint8) << np.uint8(bit)
         dead = np.where(sees, dead_slots - 1, np.maximum(dead - 1, 0))
-    return _Table(found, dead * 256)
+    return _Table(detected, dead * 256)
 
 
 def _by_table(clicks: Mask, dead_slots: int) -> Mask:

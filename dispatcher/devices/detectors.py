@@ -128,12 +128,12 @@ class DetectorPair:
         a click counts in the slot of the train in whose gate it comes: so late as the light, shape
         (k,), and by the jitter of the detector.
         """
-        own = bits != NO_CLICK
+        photons = bits != NO_CLICK
         moved = timed and (late_ps is not None or self._device.jitter_ps > 0)
         if self.ideal and extras is None and extra_pairs is None and not moved:
-            return Detection(bits, own, int(np.count_nonzero(own)))
-        own = self._detected(own, bits, random)
-        light = [own & (bits == value) for value in (0, 1)]
+            return Detection(bits, photons, int(np.count_nonzero(photons)))
+        photons = self._detected(photons, bits, random)
+        light = [photons & (bits == value) for value in (0, 1)]
         if extras is not None:
             self._add(light, extras, random)
         met = None if extra_pairs is None else self._meeting(extra_pairs, random)
@@ -149,15 +149,15 @@ class DetectorPair:
                 met = self._extra_pairs_in_gates(met, late_ps, train, bits.size, random)
             clicks = _with_extra_pairs(light, met)
             outside = before - _count(clicks)
-        return replace(self._watch(clicks, own, train, random), outside=outside)
+        return replace(self._watch(clicks, photons, train, random), outside=outside)
 
-    def _detected(self, own: Mask, bits: Bits, random: PhotonRandom) -> Mask:
+    def _detected(self, photons: Mask, bits: Bits, random: PhotonRandom) -> Mask:
         if self._device.efficiency < 1:
-            own &= random.happens("efficiency", self._device.efficiency)
+            photons &= random.happens("efficiency", self._device.efficiency)
         if self._device.efficiency_mismatch:
             missed = random.happens("mismatch", self._device.efficiency_mismatch)
-            own &= ~(missed & (bits == 1))
-        return own
+            photons &= ~(missed & (bits == 1))
+        return photons
 
     def _in_gates(
         self,
@@ -242,17 +242,19 @@ class DetectorPair:
         light[0][pulses] |= both | ((drawn >= neither) & (drawn < neither + zero))
         light[1][pulses] |= both | ((drawn >= neither + zero) & ~both)
 
-    def _watch(self, light: list[Mask], own: Mask, train: Train, random: PhotonRandom) -> Detection:
+    def _watch(
+        self, light: list[Mask], photons: Mask, train: Train, random: PhotonRandom
+    ) -> Detection:
         """Add what detectors do without light, and read off the bits."""
         if not self._dark and not self._remembers:
-            return self._read(light, own, light, random)
+            return self._read(light, photons, light, random)
         seen = self._seen([np.flatnonzero(mask) for mask in light], train, random)
-        masks = [marked(slots, own.size) for slots in seen.slots]
-        detection = self._read(masks, own, light, random)
+        masks = [marked(slots, photons.size) for slots in seen.slots]
+        detection = self._read(masks, photons, light, random)
         return replace(detection, dark=seen.dark, afterpulses=seen.afterpulses, dead=seen.dead)
 
     def _read(
-        self, seen: list[Mask], own: Mask, light: list[Mask], random: PhotonRandom
+        self, seen: list[Mask], photons: Mask, light: list[Mask], random: PhotonRandom
     ) -> Detection:
         """Read the bits off the clicks of both detectors, at the same places each."""
         zero, one = seen
@@ -263,7 +265,7 @@ class DetectorPair:
         lightless = self._dark > 0 or self._device.afterpulse_probability > 0
         return Detection(
             bits,
-            own,
+            photons,
             int(np.count_nonzero(zero)) + int(np.count_nonzero(one)),
             lightless=(zero | one) & ~(light[0] | light[1]) if lightless else None,
             twice=zero & one if both.size else None,
@@ -304,10 +306,10 @@ class DetectorPair:
         clicks = [distinct(light.pulses[light.bits == value]) for value in (0, 1)]
         seen = self._seen(clicks, train, random)
         slots = union(*seen.slots)
-        own = among(slots, union(*clicks))
+        photons = among(slots, union(*clicks))
         detection = self._read(
             [among(slots, each) for each in seen.slots],
-            own,
+            photons,
             [among(slots, each) for each in clicks],
             random,
         )

@@ -142,20 +142,20 @@ class Compensation:
             looked = turn.looked[every_look(looks).searchsorted(mine_ns)]
         elif not _disturbs(part):
             return Correction(None, None, "")
-        known, detail = self._settings[path], ""
+        by_look, detail = self._settings[path], ""
         for look_ns, met in zip(mine_ns.tolist(), looked, strict=True):
-            if look_ns not in known:
-                known[look_ns] = self._set(path, look_ns, met)
-                left = product(known[look_ns].turn, met)
+            if look_ns not in by_look:
+                by_look[look_ns] = self._set(path, look_ns, met)
+                left = product(by_look[look_ns].turn, met)
                 detail = (
                     f"looked {(leaves.last_ns - look_ns) / 1e9:.3g} s before the last photon left: "
                     f"turn of {angle(met):.3g} rad, {angle(left):.2g} rad left"
                 )
-        all_ns = np.array(sorted(known), np.int64)
+        all_ns = np.array(sorted(by_look), np.int64)
         mine_ns = _latest(all_ns[all_ns <= leaves.last_ns], leaves.first_ns)
-        settings = [known[look_ns] for look_ns in mine_ns.tolist()]
+        settings = [by_look[look_ns] for look_ns in mine_ns.tolist()]
         for old_ns in all_ns[:-MOST_KEPT].tolist():
-            del known[old_ns]
+            del by_look[old_ns]
         dark = None
         if part.reference != MULTIPLEXED:
             dark = np.zeros(leaves.photons, bool)
@@ -165,9 +165,9 @@ class Compensation:
         return Correction(_in_turn(settings, leaves), dark, detail)
 
     def _set(self, path: Path, look_ns: int, met: Quaternions) -> Setting:
-        part, known = self._parts[path[1].node], self._settings[path]
+        part, settings = self._parts[path[1].node], self._settings[path]
         at_rest = Setting(np.zeros(part.retarders), look_ns, STILL.quaternions[0])
-        held = known[max(known)] if known else at_rest
+        held = settings[max(settings)] if settings else at_rest
         wrong = error_rate(product(held.turn, met))
         if part.reference == ERROR_RATE and wrong <= part.error_limit:
             return held

@@ -65,8 +65,10 @@ def damp(sabot: Simulation, draws: Draws, block: Block, memory: Memory, waits: W
     purpose = block.draws_for(f"damped {block.fibers_passed}, {block.stores}")
     _damp_each(sabot, draws, block, block.register, share, purpose)
     if block.extra_pairs is not None:
-        own = share[block.extra_pairs.pulses] if isinstance(share, np.ndarray) else share
-        _damp_each(sabot, draws, block, block.extra_pairs.register, own, f"{purpose} further")
+        of_extra_pairs = share[block.extra_pairs.pulses] if isinstance(share, np.ndarray) else share
+        _damp_each(
+            sabot, draws, block, block.extra_pairs.register, of_extra_pairs, f"{purpose} further"
+        )
 
 
 def _damp_each(
@@ -122,10 +124,10 @@ def _photons(block: Block, waits: Waits, random: PhotonRandom) -> Iterator[Waiti
         return
     count = light.pulses.size
     if waits.alike:
-        own = Waits(waits.longest_s, 0.0, count)
+        photon_waits = Waits(waits.longest_s, 0.0, count)
     else:
-        own = Waits(0.0, 0.0, count, waits.of(light.pulses))
-    yield Waiting(light.register, own, random.beside(count), " further")
+        photon_waits = Waits(0.0, 0.0, count, waits.of(light.pulses))
+    yield Waiting(light.register, photon_waits, random.beside(count), " further")
 
 
 def _reset(sabot: Simulation, draws: Draws, block: Block, memory: Memory, photons: Waiting) -> int:
@@ -177,9 +179,9 @@ def _met(what: str, memory: Memory, photons: Waiting) -> Mask:
     affected = random.happens_by_stretch(what, least, stretch)
     likelier = float(((np.maximum(*edges) - least) / np.maximum(1 - least, LEAST)).max())
     some = random.events(f"{what}, longer", likelier)
-    own, surely = getattr(decay(memory, waits.of(some)), what), least[some // stretch]
+    shares, surely = getattr(decay(memory, waits.of(some)), what), least[some // stretch]
     drawn = random.generator(f"{what}, own wait").random(some.size) * likelier
-    affected[some[drawn * np.maximum(1 - surely, LEAST) < own - surely]] = True
+    affected[some[drawn * np.maximum(1 - surely, LEAST) < shares - surely]] = True
     return affected
 
 

@@ -133,8 +133,8 @@ def _merged(
 ) -> NDArray[np.float64] | None:
     if values is None and other is None:
         return None
-    own, taken = (0.0 if array is None else array for array in (values, other))
-    return taken * members + own * ~members
+    here, there = (0.0 if array is None else array for array in (values, other))
+    return there * members + here * ~members
 
 
 def retime(pulses: Pulses) -> None:

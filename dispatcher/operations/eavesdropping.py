@@ -83,11 +83,11 @@ class Splitting:
         """Take a photon out of each of these pulses, its own unless that is lost."""
         layer = self._layer
         drift.twirl_turn(block, layer.sabot, layer.draws)
-        own = several & block.register.present
-        others = self._take_extra_pairs(block, several & ~own)
+        single = several & block.register.present
+        others = self._take_extra_pairs(block, several & ~single)
         taken = Block(
             into,
-            layer.sabot.part(block.register, own),
+            layer.sabot.part(block.register, single),
             block.node,
             first_ns=block.first_ns,
             last_ns=block.last_ns,
@@ -195,20 +195,20 @@ class Resending:
         """Take photons out of a block, and what is known of their light."""
         layer = self._layer
         drift.twirl_turn(block, layer.sabot, layer.draws)
-        own = pulses.part(block.pulses, chosen)
+        taken = pulses.part(block.pulses, chosen)
         part = Block(
             block.name,
             layer.sabot.part(block.register, chosen),
             block.node,
             fibers_passed=block.fibers_passed,
-            pulses=own,
+            pulses=taken,
             lineage=block.lineage,
             maker=block.maker,
             extra_pairs=extra_pairs.part(layer.sabot, block, chosen),
         )
         drift.twirl(part, layer.sabot, layer.draws)
         _renew(block.pulses, chosen)
-        block.pulses.approximations |= own.approximations
+        block.pulses.approximations |= taken.approximations
         return part
 
     def _replace(self, block: Block, fresh: Register, again: Mask, states: Bytes) -> None:

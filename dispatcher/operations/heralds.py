@@ -166,9 +166,9 @@ class Drawing:
         second = np.zeros(count, np.uint8)
         emitters = zip((first, second), link.emitters, strict=True)
         for half, (errors, emitter) in enumerate(emitters):
-            own = random.at(f"emitter {half}")
-            at = own.events("error", 1 - emitter.fidelity)
-            errors[at] ^= 1 + own.which("which", at.size, np.ones(3))
+            at_emitter = random.at(f"emitter {half}")
+            at = at_emitter.events("error", 1 - emitter.fidelity)
+            errors[at] ^= 1 + at_emitter.which("which", at.size, np.ones(3))
         outcomes = np.where(_minus(link, random), PSI_MINUS, PSI_PLUS).astype(np.uint8)
         successful = _clicked(link, met, kind, random) & _bunched(link, kind, visibility, random)
         every = twirled | met[0].approximations | met[1].approximations | link.approximations

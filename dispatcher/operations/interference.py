@@ -154,9 +154,12 @@ class Interference:
         pair = (counts[0] == 1) & (counts[1] == 1)
         self._note_crowds((counts[0] > 0) & (counts[1] > 0) & ~few)
         kinds = [np.where(pair, 1, 2) * both] * 2
-        own = [kinds[0][arms[0].pulses], kinds[1][arms[1].pulses] * meets]
+        kinds_of_arms = [kinds[0][arms[0].pulses], kinds[1][arms[1].pulses] * meets]
         parts = [
-            [self._taken(arm, kind == number) for arm, kind in zip(arms, own, strict=True)]
+            [
+                self._taken(arm, kind == number)
+                for arm, kind in zip(arms, kinds_of_arms, strict=True)
+            ]
             for number in range(3)
         ]
         left = [self._alone(each, f"arm {arm}") for arm, each in enumerate(parts[0])]
@@ -247,8 +250,8 @@ class Interference:
         states = [self._states(arm, f"crowd {which}") for which, arm in enumerate((first, second))]
         pulses = np.unique(first.pulses)
         paths = [
-            np.split(own, np.searchsorted(arm.pulses, pulses)[1:])
-            for own, arm in zip(states, (first, second), strict=True)
+            np.split(parts, np.searchsorted(arm.pulses, pulses)[1:])
+            for parts, arm in zip(states, (first, second), strict=True)
         ]
         kinds: dict[tuple[tuple[int, ...], ...], list[int]] = {}
         for place, met in enumerate(zip(*paths, strict=True)):

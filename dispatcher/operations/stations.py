@@ -77,12 +77,12 @@ class Stations:
         """Let qubits in the memory of a switch attempt."""
         require_count(request.count)
         layer, port = self._layer, str(request.port)
-        found = (
+        emitters = (
             node
             for node, part in layer.network.parts[Kind.EMITTER].items()
             if part.switch == request.switch and port in part.ports
         )
-        node = next(found, "")
+        node = next(emitters, "")
         if not node:
             raise not_found(f"port {port} of {request.switch} is of no memory that emits")
         switch = layer.network.switches[request.switch]

@@ -123,14 +123,14 @@ class SwitchMemories:
         """Discard pulses of a block that are not to leave; later requests may name others."""
         if request.method not in (0, *METHODS) or request.outcomes.translate(None, SYMBOLS):
             raise invalid(f"method {request.method} or an outcome of it is none: see KeepRequest")
-        found = (
+        blocks = (
             block
             for node, part in self._layer.network.memories.items()
             if part.switch == request.switch and str(request.port) in part.ports
             for block in self._held[node]
             if self._numbers[block] == request.number
         )
-        block = next(found, None)
+        block = next(blocks, None)
         named = np.frombuffer(request.outcomes, np.uint8)
         if block is None or request.first + named.size > block.register.size:
             raise not_found(

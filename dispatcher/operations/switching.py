@@ -122,12 +122,12 @@ class Emission:
         if inner_port(request.port).kind == Kind.EMITTER:
             await self._attempt(request)
             return EmitReply()
-        found = (
+        inputs = (
             (node, part.ports)
             for node, part in self._sources.items()
             if part.switch == request.switch and str(request.port) in part.ports
         )
-        node, ports = next(found, ("", []))
+        node, ports = next(inputs, ("", []))
         if not node:
             raise not_found(f"port {request.port} of {request.switch} is of no pair source")
         if request.port in self._switches[request.switch].failed:

@@ -168,17 +168,17 @@ def _draw(layer: PhysicalLayer, block: Block, light: WeakPulses) -> list[Block]:
     halves, sabot = _together(layer, block), layer.sabot
     if isinstance(light, WeakHalf) and len(halves) > 1:
         came = light.pairs.below([half.transmission for _block, half in halves])
-        own = first_of_each(came[0].pulses)
-        registers = sabot.bell_pairs(light.count), sabot.bell_pairs(int((~own).sum()))
+        firsts = first_of_each(came[0].pulses)
+        registers = sabot.bell_pairs(light.count), sabot.bell_pairs(int((~firsts).sum()))
         for each, photons, *made in zip(halves, came, *registers, strict=True):
-            _settle(layer, *each, photons, own, made)
+            _settle(layer, *each, photons, firsts, made)
     else:
         photons = light.photons()
-        own, states = first_of_each(photons.pulses), light.states(photons)
+        firsts, states = first_of_each(photons.pulses), light.states(photons)
         of_pulses = np.zeros(light.count, np.uint8)
-        of_pulses[photons.pulses[own]] = states[own]
-        made = [emission.prepare(sabot, each) for each in (of_pulses, states[~own])]
-        _settle(layer, block, light, photons, own, made)
+        of_pulses[photons.pulses[firsts]] = states[firsts]
+        made = [emission.prepare(sabot, each) for each in (of_pulses, states[~firsts])]
+        _settle(layer, block, light, photons, firsts, made)
     return [each for each, _light in halves]
 
 
@@ -186,12 +186,12 @@ def _together(layer: PhysicalLayer, block: Block) -> list[tuple[Block, WeakPulse
     """Return a weak block, with its other half if that is weak too, in their order."""
     assert block.weak is not None
     name, light = block.name._replace(half=1 - block.name.half), block.weak
-    found = [(block, light)]
+    halves = [(block, light)]
     if isinstance(light, WeakHalf):
         for other in layer.ownership.parts(name):
             if isinstance(other.weak, WeakHalf) and other.weak.pairs is light.pairs:
-                found.insert(light.half, (other, other.weak))
-    return found
+                halves.insert(light.half, (other, other.weak))
+    return halves
 
 
 def _settle(
@@ -199,22 +199,22 @@ def _settle(
     block: Block,
     light: WeakPulses,
     photons: Photons,
-    own: Mask,
+    firsts: Mask,
     registers: Sequence[Register],
 ) -> None:
     """Let a block be these qubits, one for each pulse and further ones, as far as they came."""
     there, paulis = photons.fates < light.thresholds(photons), light.paulis(photons)
     present, every = np.zeros(light.count, bool), np.zeros(light.count, np.uint8)
-    present[photons.pulses[own]], every[photons.pulses[own]] = there[own], paulis[own]
+    present[photons.pulses[firsts]], every[photons.pulses[firsts]] = there[firsts], paulis[firsts]
     register, further = registers
     layer.sabot.lose(register, ~present)
     layer.sabot.pauli(register, every)
     layer.ownership.change(block, register)
     block.pulses.delays_ps = light.delays_ps(np.arange(light.count))
     if further.size:
-        layer.sabot.lose(further, ~there[~own])
-        layer.sabot.pauli(further, paulis[~own])
-        block.extra_pairs = ExtraPairs(further, photons.pulses[~own])
+        layer.sabot.lose(further, ~there[~firsts])
+        layer.sabot.pauli(further, paulis[~firsts])
+        block.extra_pairs = ExtraPairs(further, photons.pulses[~firsts])
 
 
 def require_capacity(layer: PhysicalLayer, block: Block) -> None:
@@ -276,5 +276,5 @@ def _moved_ps(
     jitter_ps = layer.devices.of(block.node).detectors.jitter_ps
     if not jitter_ps:
         return late
-    own = PhotonsByKey.of(random, photons.keys).normal("jitter") * jitter_ps
-    return own if late is None else own + late
+    jitters_ps = PhotonsByKey.of(random, photons.keys).normal("jitter") * jitter_ps
+    return jitters_ps if late is None else jitters_ps + late

@@ -91,8 +91,8 @@ class TracedSabot:
             self._write_pairs(name, register, target)
             return
         for position, qubit in self._present(register):
-            own = angle_rad[position] if isinstance(angle_rad, np.ndarray) else angle_rad
-            text = GATES[name].format(qubit, "", float(own))
+            angle = angle_rad[position] if isinstance(angle_rad, np.ndarray) else angle_rad
+            text = GATES[name].format(qubit, "", float(angle))
             self._writer.line(text, self._comment(position))
 
     def measure(self, register: Register, bases: Bytes, draws: PhotonDraws) -> Bytes:
@@ -158,8 +158,8 @@ class TracedSabot:
     def part(self, register: Register, mask: Mask) -> Register:
         part = self._inner.part(register, mask)
         if register in self._traced:
-            own = self._traced[register]
-            self._traced[part] = {p: own.pop(p) for p in list(own) if mask[p]}
+            chunks = self._traced[register]
+            self._traced[part] = {p: chunks.pop(p) for p in list(chunks) if mask[p]}
             self._places.pop(register, None)
         return part
 
@@ -170,7 +170,7 @@ class TracedSabot:
 
     def gather(self, picks: Sequence[Pick]) -> Register:
         gathered = self._inner.gather(picks)
-        own: dict[int, tuple[Chunk, int]] = {}
+        chunks: dict[int, tuple[Chunk, int]] = {}
         start = 0
         for register, positions in picks:
             traced = self._traced.get(register, {})
@@ -178,12 +178,12 @@ class TracedSabot:
             traced_places = np.flatnonzero(
                 np.isin(positions, np.array(list(traced), dtype=np.uint32))
             )
-            own |= {
+            chunks |= {
                 start + int(place): traced.pop(int(positions[place])) for place in traced_places
             }
             start += positions.size
-        if own:
-            self._traced[gathered] = own
+        if chunks:
+            self._traced[gathered] = chunks
         return gathered
 
     def _begin(self, registers: list[Register]) -> None:

@@ -111,10 +111,10 @@ def _systems(registers: Sequence[Register]) -> Systems:
 
 def _counted(numbers: dict[Component, NDArray[np.int64]], size: int) -> Systems:
     qubits, dense = np.zeros(size, dtype=np.int64), np.zeros(size, dtype=bool)
-    for component, own in numbers.items():
-        qubits += component.state.qubits * np.bincount(own, minlength=size)
+    for component, places in numbers.items():
+        qubits += component.state.qubits * np.bincount(places, minlength=size)
         if isinstance(component.state, Dense):
-            dense[own] = True
+            dense[places] = True
     kinds, counts = np.unique(2 * qubits + dense, return_counts=True)
     some = kinds > 0
     return Systems(kinds[some] // 2, kinds[some] % 2 == 1, counts[some])

@@ -92,12 +92,12 @@ def _merge(store: Store, share: Share, other: Share, size: int) -> None:
         members = _members(other.positions, share.positions, size)
         ordered = two.take(members)
         state = ordered.state
-        for own, moved in zip(two.shares, ordered.shares, strict=True):
-            own.positions = moved.positions
+        for share_before, moved in zip(two.shares, ordered.shares, strict=True):
+            share_before.positions = moved.positions
     before = other.positions
-    for own in two.shares:
-        if own.positions is before:
-            own.positions = share.positions
+    for share_before in two.shares:
+        if share_before.positions is before:
+            share_before.positions = share.positions
     store.link(Component(tensor(one.state, state), one.shares + two.shares))
 
 

@@ -108,10 +108,10 @@ class Component:
         taken: dict[int, Positions] = {}
         shares = []
         for share in self.shares:
-            known = taken.get(id(share.positions))
-            if known is None:
-                known = taken[id(share.positions)] = _taken(share.positions, members)
-            shares.append(Share(share.register, known))
+            positions = taken.get(id(share.positions))
+            if positions is None:
+                positions = taken[id(share.positions)] = _taken(share.positions, members)
+            shares.append(Share(share.register, positions))
         return Component(self.state.take(members), shares)
 
 
@@ -159,11 +159,11 @@ class Store:
         for share in waiting:  # which grows
             if share not in register.shares:
                 continue  # another share has split its component
-            own = labels[share.positions]
-            if (own == own[0]).all():
+            labels_here = labels[share.positions]
+            if (labels_here == labels_here[0]).all():
                 continue
             divided = True
-            for part in self.split(share.component, own):
+            for part in self.split(share.component, labels_here):
                 others = [other for other in part.shares if other.register is register]
                 waiting += others[1:] and others
         return divided

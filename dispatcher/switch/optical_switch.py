@@ -242,8 +242,8 @@ class OpticalSwitch:
         outputs = sorted(in_use)
         open_then = np.array([in_use[port] for port in outputs]).reshape(len(outputs), -1)
         result: dict[int, Mask] = {}
-        for out_port, own in leaving.items():
-            photons = np.concatenate(own)
+        for out_port, groups in leaving.items():
+            photons = np.concatenate(groups)
             _add(result, out_port, photons & ~strays)
             away = np.flatnonzero(photons & strays)
             wrong = open_then[:, pulses[away]]

@@ -45,8 +45,8 @@ STATES = np.array([[1.0, 0.0], [0.0, 1.0], [_ROOT, _ROOT], [_ROOT, -_ROOT]])
 
 def shares(states: Bytes, bases: Bytes) -> Powers:
     """Return which share of light of these states each arm of a measurement gets, shape (k, 2)."""
-    found = STATES.reshape(2, 2, 2)[bases]  # by photon, arm, amplitude
-    amplitudes: Powers = np.einsum("kab,kb->ka", found, STATES[states])
+    analysers = STATES.reshape(2, 2, 2)[bases]  # by photon, arm, amplitude
+    amplitudes: Powers = np.einsum("kab,kb->ka", analysers, STATES[states])
     return amplitudes**2
 
 
@@ -125,10 +125,10 @@ async def blinded(photons: int, glare: Glare, detector: AvalanchePhotodiode) -> 
     await alice.prepare(states, light[0])
     await alice.send({light: TO_EVE[0]})
     await eve.receive(light, TO_EVE[1])
-    found: Any = await eve.measure(light, bases=hers)
-    outcomes = seen(2 * hers + found, bases, glare, detector, random)
+    hers_seen: Any = await eve.measure(light, bases=hers)
+    outcomes = seen(2 * hers + hers_seen, bases, glare, detector, random)
     sifted = (bases == states >> 1) & (outcomes != NO_CLICK)
-    knows = sifted & (hers == bases) & (found == outcomes)
+    knows = sifted & (hers == bases) & (hers_seen == outcomes)
     wrong = sifted & (outcomes != states & 1)
     return Spied(int(sifted.sum()), int(knows.sum()), int(wrong.sum()))
 
@@ -175,6 +175,6 @@ def trojan(
         return spied.known, bits
     if source.tells(injected):
         return 0, bits
-    known = 1 - exp(-source.reflected(source.alarm_photons))
-    length = bits * (1 - known) - SIGMAS * sqrt(bits * known * (1 - known))
+    leak = 1 - exp(-source.reflected(source.alarm_photons))
+    length = bits * (1 - leak) - SIGMAS * sqrt(bits * leak * (1 - leak))
     return spied.left(length), bits

@@ -106,18 +106,18 @@ def fiber_of(network: Network) -> str:
 
 
 def lies(network: Network) -> int:
-    own = places(network)
+    ports = places(network)
     facts = [fact for fact in facts_of(network, "fiber") if fact["host"] == VICTIM]
-    return sum((fact["dpid"], fact["at"]) not in own for fact in facts)
+    return sum((fact["dpid"], fact["at"]) not in ports for fact in facts)
 
 
 def places(network: Network) -> set[tuple[int, int]]:
-    ids, found = network.runtime.datapath_ids, set()
+    ids, ports = network.runtime.datapath_ids, set()
     for fiber in network.runtime.fibers:
         for near, far in ((fiber.a, fiber.b), (fiber.b, fiber.a)):
             if near.node == VICTIM and far.node in ids:
-                found.add((ids[far.node], int(far.port)))
-    return found
+                ports.add((ids[far.node], int(far.port)))
+    return ports
 
 
 def run_frames(network: Network, what: str, *words: str, count: int) -> None:

@@ -91,10 +91,10 @@ def is_ping(frame: bytes, mac: bytes, victim: str, posed: str) -> bool:
     if len(frame) <= TYPE_AT:
         return False
     to, _source, kind = ETHERNET.unpack_from(frame)
-    wanted = ADDRESSES.pack(IPv4Address(victim).packed, IPv4Address(posed).packed)
-    found = frame[ADDRESSES_AT : ADDRESSES_AT + ADDRESSES.size]
+    expected = ADDRESSES.pack(IPv4Address(victim).packed, IPv4Address(posed).packed)
+    addresses = frame[ADDRESSES_AT : ADDRESSES_AT + ADDRESSES.size]
     echo = frame[PROTOCOL_AT], frame[TYPE_AT]
-    return (to, kind, found, echo) == (mac, 0x0800, wanted, (ICMP, ECHO_REQUEST))
+    return (to, kind, addresses, echo) == (mac, 0x0800, expected, (ICMP, ECHO_REQUEST))
 
 
 def stations(interface: str, count: int, to_mac: str) -> int:
@@ -110,17 +110,17 @@ def station(number: int) -> bytes:
     return bytes([2]) + number.to_bytes(5, "big")
 
 
-def set_ups(interface: str, count: int, to_mac: str, own: str, to: str) -> int:
+def set_ups(interface: str, count: int, to_mac: str, source: str, to: str) -> int:
     """Send `count` set-ups, each as if it were the first of a connection that stands."""
     channel = opened(interface)
     frames = (
         bytes(
             Ether(src=own_mac(channel), dst=to_mac)
-            / IP(src=own, dst=to)
+            / IP(src=source, dst=to)
             / TCP(
                 sport=FIRST_PORT + number, dport=METADATA_PORT, flags="PA", seq=1, ack=1, window=502
             )
-            / Setup(number + 1, Service["TELEPORT"], 1, own, 100, 1, 1_000_000, port=9).encode()
+            / Setup(number + 1, Service["TELEPORT"], 1, source, 100, 1, 1_000_000, port=9).encode()
         )
         for number in range(count)
     )

@@ -65,13 +65,13 @@ async def _resent(photons: int, fraction: float) -> Spied:
     await alice.prepare(states, light[0])
     await alice.send({light: TO_EVE[0]})
     await eve.receive(light, TO_EVE[1])
-    found: Any = await eve.resend(light, np.where(taken, hers, LEFT_ALONE).astype(np.uint8))
+    seen: Any = await eve.resend(light, np.where(taken, hers, LEFT_ALONE).astype(np.uint8))
     await eve.send({light: TO_BOB[0]})
     await bob.receive(light, TO_BOB[1])
     outcomes: Any = await bob.measure(light, bases=bases)
     sifted = bases == states >> 1
     right = states & 1
-    knows = sifted & taken & (hers == bases) & (found == right)
+    knows = sifted & taken & (hers == bases) & (seen == right)
     wrong = sifted & (outcomes != right)
     return Spied(int(sifted.sum()), int(knows.sum()), int(wrong.sum()))
 
@@ -83,10 +83,10 @@ def photon_splitting(defended: bool, bits: int) -> tuple[int, int]:
     """
     decoys, pulses = "on" if defended else "off", PULSES_PER_BIT * 2 * bits
     point = Point(loss_db=HIDDEN_DB, mean_photons=0.5, eve="on", decoys=decoys, pairs=pulses)
-    found, known = asyncio.run(spied(point, SEED))
-    of_key, sent = found.counts[X], int(found.sent.sum())
-    sifted = Spied(int(of_key.sum()), int(known[X]), int(of_key[1].sum()))
+    exchange, known_bits = asyncio.run(spied(point, SEED))
+    of_key, sent = exchange.counts[X], int(exchange.sent.sum())
+    sifted = Spied(int(of_key.sum()), int(known_bits[X]), int(of_key[1].sum()))
     length = float(sifted.bits)
     if defended:
-        length = decoy_key(decoys_of(point), found.counts, sent).value * sent
+        length = decoy_key(decoys_of(point), exchange.counts, sent).value * sent
     return sifted.left(length), sifted.bits

@@ -106,8 +106,8 @@ def beside_sampler(
 def sampled_pairs_per_s(environment: Mapping[str, str]) -> float:
     """Return how many pairs a second stim's batch sampler makes in a process of its own."""
     command = [python(), "-m", "evidence.bench.batch_sampler"]
-    own = {**environment, "PYTHONPATH": str(ROOT)}
-    return float(commands.run(*command, timeout_s=RUN_TIMEOUT_S, environment=own))
+    variables = {**environment, "PYTHONPATH": str(ROOT)}
+    return float(commands.run(*command, timeout_s=RUN_TIMEOUT_S, environment=variables))
 
 
 def measure(file: Path, run: RunOptions, signals: Signals) -> Measured:

@@ -125,8 +125,8 @@ class Switch:
         elif kind == ofp.OFPT_MULTIPART_REQUEST:
             self.send(self._told(message, xid))
         elif kind == ofp.OFPT_BUNDLE_CONTROL:
-            bundle, asked, flags = bundle_control(message)
-            body = BUNDLE.pack(bundle, asked + 1, flags)  # a reply is one above its request
+            bundle, request, flags = bundle_control(message)
+            body = BUNDLE.pack(bundle, request + 1, flags)  # a reply is one above its request
             self.send(encode(ofp.OFPT_BUNDLE_CONTROL, xid, body))
         else:
             self._heard(message)

@@ -108,7 +108,7 @@ async def exchange(
     the two; `listen` gets the outcome.
     """
     alice, bob = laboratory.host("alice"), laboratory.host("bob")
-    found = Exchange(len(shares) or 1)
+    totals = Exchange(len(shares) or 1)
     for number, size in blocks(pulses):
         states, bases = random.integers(0, (4, 2), (size, 2), dtype=np.uint8).T.copy()
         levels = np.zeros(size, np.uint8)
@@ -122,18 +122,18 @@ async def exchange(
         if await bob.receive((number, 0), path[1]) is not None:
             bits = await bob.measure((number, 0), bases=bases)
         block = Block(states, bases, levels, bits)
-        found.add(block)
+        totals.add(block)
         if listen is not None:
             await listen(number, block)
-    return found
+    return totals
 
 
 async def weak_pulses(v: Point, seed: int) -> Outcome:
     source = PairSource("poisson", v.mean_photons)
     way = fiber(*TESTED, connectors_db=v.loss_db)
     laboratory = network(seed, [way], alice=Device(source))
-    found = await exchange(laboratory, v.pairs, np.random.default_rng(seed))
-    gain, qber = found.gain(), found.qber.value if found.counts.sum() else 0.0
+    totals = await exchange(laboratory, v.pairs, np.random.default_rng(seed))
+    gain, qber = totals.gain(), totals.qber.value if totals.counts.sum() else 0.0
     single = 1 - source.multi_photon / gain.value if gain.value else 0.0
     return {
         "gain": gain,
@@ -150,12 +150,12 @@ async def light_sources(v: Point, seed: int) -> Outcome:
     source = SOURCES[str(v["source"])]
     bob = Device(detectors=detectors(v.efficiency_mismatch))
     laboratory = network(seed, [way(v)], alice=Device(source), bob=bob)
-    found = await exchange(laboratory, v.pairs, np.random.default_rng(seed))
+    totals = await exchange(laboratory, v.pairs, np.random.default_rng(seed))
     return {
-        "gain": found.gain(),
-        "qber": found.qber,
-        "ones": proportion(found.ones, int(found.seen.sum())),
-        "key": long_key(found.gain(), found.qber, source.multi_photon),
+        "gain": totals.gain(),
+        "qber": totals.qber,
+        "ones": proportion(totals.ones, int(totals.seen.sum())),
+        "key": long_key(totals.gain(), totals.qber, source.multi_photon),
     }
 
 
@@ -189,13 +189,13 @@ def of_light_sources(v: Point) -> Theory:
     Dark counts are some 1e-5 of what is seen there.
     """
     source, quiet, less = SOURCES[str(v["source"])], 1 - DARK_COUNT, v.efficiency_mismatch
-    found: Theory = dict.fromkeys(("gain", "qber", "ones", "key"))
+    expected: Theory = dict.fromkeys(("gain", "qber", "ones", "key"))
     if source == SOURCES["single"] and not v.length_km > 0:
         dark = DARK_COUNT * (1 - EFFICIENCY)
         one, zero = EFFICIENCY * (1 - less) / 2 + dark, EFFICIENCY / 2 + dark
-        found["ones"] = one / (one + zero)
+        expected["ones"] = one / (one + zero)
     if less:
-        return found
+        return expected
     arrives = EFFICIENCY * theory.transmission(LOSS_DB_PER_KM * v.length_km)
     right, wrong = (quiet * _missed(source, arrives * e) for e in (1 - ERROR, ERROR))
     neither = quiet**2 * _missed(source, arrives)
@@ -203,7 +203,7 @@ def of_light_sources(v: Point) -> Theory:
     gain = 1 - neither
     qber = (right - neither + both / 2) / gain
     key = theory.gllp(gain, qber, 1 - source.multi_photon / gain) / 2
-    return found | {"gain": gain, "qber": qber, "key": key}
+    return expected | {"gain": gain, "qber": qber, "key": key}
 
 
 def _missed(source: PairSource, arrives: float) -> float:
@@ -223,12 +223,12 @@ def _missed(source: PairSource, arrives: float) -> float:
 async def decoy_states(v: Point, seed: int) -> Outcome:
     decoys = decoys_of(v)
     laboratory = network(seed, [way(v)], **devices(decoys))
-    found = await exchange(laboratory, v.pairs, np.random.default_rng(seed), SHARES)
-    gains = {"gain": found.gain(), "weak": found.gain(1)}
+    totals = await exchange(laboratory, v.pairs, np.random.default_rng(seed), SHARES)
+    gains = {"gain": totals.gain(), "weak": totals.gain(1)}
     return {
         **gains,
-        "qber": found.qber,
-        "key": decoy_key(decoys, found.counts, int(found.sent.sum())),
+        "qber": totals.qber,
+        "key": decoy_key(decoys, totals.counts, int(totals.sent.sum())),
     }
 
 
@@ -262,17 +262,17 @@ def of_decoy_states(v: Point) -> Theory:
 
 
 async def photon_splitting(v: Point, seed: int) -> Outcome:
-    found, known = await spied(v, seed)
-    gain, tagged = found.gain(), PairSource("poisson", v.mean_photons).multi_photon
+    totals, known_counts = await spied(v, seed)
+    gain, tagged = totals.gain(), PairSource("poisson", v.mean_photons).multi_photon
     if v["decoys"] == "on":
-        key = decoy_key(decoys_of(v), found.counts, int(found.sent.sum()))
+        key = decoy_key(decoys_of(v), totals.counts, int(totals.sent.sum()))
     else:  # long keys without errors (quant-ph/0212066)
         key = Estimate(max(0.0, gain.value - tagged) / 2, gain.error / 2)
-    known_bits = proportion(int(known.sum()), int(found.counts.sum()))
+    known_bits = proportion(int(known_counts.sum()), int(totals.counts.sum()))
     return {
         "gain": gain,
-        "weak": found.gain(1),
-        "qber": found.qber,
+        "weak": totals.gain(1),
+        "qber": totals.qber,
         "known": known_bits,
         "key": key,
     }
@@ -281,7 +281,7 @@ async def photon_splitting(v: Point, seed: int) -> Outcome:
 async def spied(v: Point, seed: int) -> tuple[Exchange, Counts]:
     """Send pulses past eve; return the counts, and of the sifted those that eve knows, by basis."""
     laboratory, random = scene(v, seed), np.random.default_rng(seed)
-    eve, known = laboratory.host("eve"), np.zeros(2, np.int64)
+    eve, known_counts = laboratory.host("eve"), np.zeros(2, np.int64)
     splits = attacks.PathLosses(v.loss_db) if v["eve"] == "on" else None
 
     async def forward(number: int) -> None:
@@ -295,11 +295,11 @@ async def spied(v: Point, seed: int) -> tuple[Exchange, Counts]:
             same, states = block.sifted, block.states
             hers = await eve.measure((number | KEPT, 0), bases=states >> np.uint8(1))
             agree = hers[same] == states[same] & np.uint8(1)
-            known[:] += np.bincount(block.bases[same][agree], minlength=2)
+            known_counts[:] += np.bincount(block.bases[same][agree], minlength=2)
 
     path = TO_EVE[0], TO_BOB[1]
-    found = await exchange(laboratory, v.pairs, random, _shares(v), path, forward, listen)
-    return found, known
+    totals = await exchange(laboratory, v.pairs, random, _shares(v), path, forward, listen)
+    return totals, known_counts
 
 
 async def split(
@@ -333,7 +333,7 @@ def mean_of(shares: Sequence[float], values: Sequence[float]) -> float:
 def of_photon_splitting(v: Point) -> Theory:
     """Return what is seen, and of how many sifted bits eve has a photon."""
     means, shares, t = decoys_of(v).means, _shares(v), theory.transmission(v.loss_db)
-    seen, known = [theory.gain(mean * t) for mean in means], 0.0
+    seen, share_known = [theory.gain(mean * t) for mean in means], 0.0
     if v["eve"] == "on":
         single, several = theory.sent_on(means, shares, t)
         many = [theory.several_photons(mean) for mean in means]
@@ -341,8 +341,8 @@ def of_photon_splitting(v: Point) -> Theory:
             single * theory.poisson(mean, 1) + several * more
             for mean, more in zip(means, many, strict=True)
         ]
-        known = several * mean_of(shares, many) / mean_of(shares, seen)
+        share_known = several * mean_of(shares, many) / mean_of(shares, seen)
     key = max(0.0, seen[0] - theory.several_photons(means[0])) / 2
     if v["decoys"] == "on":
         key = theory.decoy_key(means, SHARES, [(gain, 0.0) for gain in seen], CORRECTION)
-    return {"gain": seen[0], "weak": seen[1], "qber": 0.0, "known": known, "key": key}
+    return {"gain": seen[0], "weak": seen[1], "qber": 0.0, "known": share_known, "key": key}

@@ -137,9 +137,9 @@ async def gated_swap(v: Point, seed: int) -> Outcome:
 
 def of_gated_swap(v: Point) -> Theory:
     """Both ends decohere while the gate and the readings last."""
-    kept = math.exp(-2 * (v.two_qubit_s + v.readout_s) / v.t2_s)
+    coherence = math.exp(-2 * (v.two_qubit_s + v.readout_s) / v.t2_s)
     noise = v.one_qubit_depolarizing, v.two_qubit_depolarizing, v.readout_error
-    return {"fidelity": theory.gated_swap_fidelity(*noise, kept)}
+    return {"fidelity": theory.gated_swap_fidelity(*noise, coherence)}
 
 
 async def chsh(v: Point, seed: int) -> Outcome:
@@ -179,8 +179,8 @@ async def gated_bell(v: Point, seed: int) -> Outcome:
     for block, size in blocks(v.pairs):
         await alice.create(size, block)
         counts += np.bincount(await alice.bell_measure((block, 0), (block, 1)), minlength=4)
-    found, pairs = counts.tolist(), int(counts.sum())
-    return {name: proportion(found[state], pairs) for name, state in BELL_STATES.items()}
+    by_state, pairs = counts.tolist(), int(counts.sum())
+    return {name: proportion(by_state[state], pairs) for name, state in BELL_STATES.items()}
 
 
 def of_gated_bell(v: Point) -> Theory:

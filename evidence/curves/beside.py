@@ -38,7 +38,7 @@ class Networks:
         self, runs: Path, name: str, seed: int, points: Sequence[Values]
     ) -> Iterator[Measured]:
         """Measure points in a network of theirs; raise SweepError, also if it was ended."""
-        asked = {"name": name, "points": points, "seed": seed, "runs": str(runs.absolute())}
+        request = {"name": name, "points": points, "seed": seed, "runs": str(runs.absolute())}
         with scratch_folder() as folder, TemporaryFile("w+") as complaints:
             environment = {**os.environ, **ENVIRONMENT, "TMPDIR": folder}
             with self._lock:
@@ -57,7 +57,7 @@ class Networks:
             assert process.stdin is not None
             assert process.stdout is not None
             with process.stdin as words:
-                json.dump(asked, words)
+                json.dump(request, words)
             with process.stdout as lines:
                 yield from map(json.loads, lines)
             process.wait()
@@ -98,9 +98,9 @@ def in_networks(runs: Path, at_once: int, check: Callable[[], None]) -> Measurer
                 rows.put((values, estimates(numbers)))
 
         with ThreadPoolExecutor(at_once, thread_name_prefix="network") as pool:
-            asked = [pool.submit(measure, group) for group in grid.experiment.groups(points)]
+            futures = [pool.submit(measure, group) for group in grid.experiment.groups(points)]
             try:
-                yield from _as_they_come(rows, asked, check)
+                yield from _as_they_come(rows, futures, check)
             finally:
                 pool.shutdown(wait=False, cancel_futures=True)
                 networks.end()

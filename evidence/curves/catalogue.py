@@ -43,8 +43,8 @@ def _expected(name: str, measure: str, values: Values) -> float | None:
 def _function(name: str, key: str) -> Callable[..., Any]:
     """Return a function of an experiment; its module is loaded when it is used."""
     module, _, function = _DECLARED[name][key].partition(".")
-    found: Callable[..., Any] = getattr(import_module(f"evidence.curves.{module}"), function)
-    return found
+    entry: Callable[..., Any] = getattr(import_module(f"evidence.curves.{module}"), function)
+    return entry
 
 
 EXPERIMENTS = {name: _experiment(name, given) for name, given in _DECLARED.items()}

@@ -90,8 +90,8 @@ class Trunk:
             raise SweepError(f"over {PAIRS} sessions wait for light at a time: choose less load")
         pair = self.pairs[session] = self.idle.popleft()
         self.asked[session] = now
-        asked = session, Service["BB84"], Handshake.FRAMED, address(0, pair), 1, 1, 1
-        setup = Setup(*asked, wavelength_pm=ANY_WAVELENGTH)
+        fields = session, Service["BB84"], Handshake.FRAMED, address(0, pair), 1, 1, 1
+        setup = Setup(*fields, wavelength_pm=ANY_WAVELENGTH)
         self._say(session, FIRST_SEQUENCE, PUSH, now, setup.encode())
 
     def end_until(self, now: float) -> None:
@@ -147,13 +147,13 @@ def of_trunk(v: Point) -> dict[str, float | None]:
     load, channels = v.load, int(v.channels)
     if v["contention"] == "refuse":
         return {"blocked": erlang_b(load, channels), "waited": 0.0, "wait": 0.0}
-    found: dict[str, float | None] = dict.fromkeys(("blocked", "waited", "wait"))
+    theory: dict[str, float | None] = dict.fromkeys(("blocked", "waited", "wait"))
     if load < channels:
-        found["blocked"] = 0.0
+        theory["blocked"] = 0.0
         if v["holding"] == "exponential":
-            found["waited"] = erlang_c(load, channels)
-            found["wait"] = mean_wait(load, channels, 1.0)
-    return found
+            theory["waited"] = erlang_c(load, channels)
+            theory["wait"] = mean_wait(load, channels, 1.0)
+    return theory
 
 
 def batched(count: int, values: dict[int, float]) -> Estimate:

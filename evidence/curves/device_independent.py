@@ -64,17 +64,17 @@ def _unmixed(s: float) -> float:
     that tells: of all such pairs the entropy is largest, h((1 + t1)/2) + h((1 + t2)/2). Alice's
     settings are as far on either side of the first axis, so that S = 2 (t1 cos a + t2 sin a).
     """
-    kept = np.linspace(sqrt(s * s / 4 - 1), 1, POINTS)
-    t1, t2 = np.meshgrid(kept, kept)
+    correlations = np.linspace(sqrt(s * s / 4 - 1), 1, POINTS)
+    t1, t2 = np.meshgrid(correlations, correlations)
     radius = np.hypot(t1, t2)
     beside = np.arccos(np.minimum(s / 2 / radius, 1))
-    found = np.inf
+    least = np.inf
     for sign in (1, -1):
         angle = np.arctan2(t2, t1) + sign * beside
         length = np.hypot(t1 * np.cos(angle), t2 * np.sin(angle))
         left = 1 + _h((1 + length) / 2) - _h((1 + t1) / 2) - _h((1 + t2) / 2)
-        found = min(found, float(left[radius >= s / 2 - 1e-12].min()))
-    return found
+        least = min(least, float(left[radius >= s / 2 - 1e-12].min()))
+    return least
 
 
 def _h(p: Floats) -> Floats:

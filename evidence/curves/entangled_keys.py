@@ -93,20 +93,20 @@ async def eavesdropping(v: Point, seed: int) -> Outcome:
     noise = theory.of_fidelity(v.fidelity)
     laboratory = network(seed, [fiber(*TO_EVE, depolarizing=noise), fiber(*TO_BOB)])
     alice, bob = laboratory.host("alice"), laboratory.host("bob")
-    random, found = np.random.default_rng(seed), Comparison()
+    random, comparison = np.random.default_rng(seed), Comparison()
     for block, size in blocks(v.pairs):
         hers, his, eves = random.integers(0, 2, (3, size), dtype=np.uint8)
         tested = random.random(size) < 1 / 2
         await resent(laboratory, block, size, eves, random.random(size) < v.fraction)
         theirs = await bob.measure((block, 1), bases=his_bases(his, tested))
-        found.add(hers, his, tested, await alice.measure((block, 0), bases=hers), theirs)
-    return {"chsh": found.s, "qber": found.qber}
+        comparison.add(hers, his, tested, await alice.measure((block, 0), bases=hers), theirs)
+    return {"chsh": comparison.s, "qber": comparison.qber}
 
 
 def of_eavesdropping(v: Point) -> Theory:
-    kept = 1 - v.fraction / 2
-    qber = (1 - kept * (4 * v.fidelity - 1) / 3) / 2
-    return {"chsh": kept * theory.chsh(v.fidelity), "qber": qber}
+    intact = 1 - v.fraction / 2
+    qber = (1 - intact * (4 * v.fidelity - 1) / 3) / 2
+    return {"chsh": intact * theory.chsh(v.fidelity), "qber": qber}
 
 
 async def halves(
@@ -169,23 +169,23 @@ async def pair_keys(v: Point, seed: int) -> Outcome:
     ]
     end = Device(detectors=detectors())
     laboratory = network(seed, fibers, alice=end, bob=end, charlie=Device(_source(v)))
-    random, found = np.random.default_rng(seed), Comparison()
+    random, comparison = np.random.default_rng(seed), Comparison()
     for block, size in blocks(v.pairs):
         hers, his = random.integers(0, 2, (2, size), dtype=np.uint8)
         tested = random.random(size) < _tested(v)
         seen = await halves(laboratory, block, size, (hers, his_bases(his, tested)))
-        found.pairs += size
-        found.add(hers, his, tested, *seen)
-    return key_of(v, found)
+        comparison.pairs += size
+        comparison.add(hers, his, tested, *seen)
+    return key_of(v, comparison)
 
 
 def key_of(v: Point, comparison: Comparison) -> Outcome:
     """Return what was measured, and the key of it: none if there is a test and it fails."""
     gain, qber = proportion(comparison.both, comparison.pairs), comparison.qber
     fails = v["protocol"] == "e91" and not comparison.bell.s > LOCAL
-    kept = 0.0 if fails else gain.value * (1 - _tested(v)) / 2
-    rate = kept * asymptotic_fraction(qber.value)
-    by_qber = rate - kept * asymptotic_fraction(qber.value + qber.error)
+    fraction = 0.0 if fails else gain.value * (1 - _tested(v)) / 2
+    rate = fraction * asymptotic_fraction(qber.value)
+    by_qber = rate - fraction * asymptotic_fraction(qber.value + qber.error)
     error = math.hypot(rate * gain.error / gain.value if gain.value else 0.0, by_qber)
     key = Estimate(rate, max(error, 1 / comparison.pairs))
     chsh = NOTHING if v["protocol"] == "bbm92" else comparison.s
@@ -216,8 +216,8 @@ def of_pair_keys(v: Point) -> Theory:
     if chsh is not None and chsh <= LOCAL:
         key = 0.0
     elif chsh is not None or not has_test:
-        kept = (1 - _tested(v)) / 2
-        key = gain * kept * max(0.0, 1 - 2 * theory.entropy((qber, 1 - qber)))
+        fraction = (1 - _tested(v)) / 2
+        key = gain * fraction * max(0.0, 1 - 2 * theory.entropy((qber, 1 - qber)))
     return {"gain": gain, "qber": qber, "chsh": chsh, "key": key}
 
 
@@ -226,18 +226,18 @@ async def seal(v: Point, seed: int) -> Outcome:
     laboratory = network(seed, [fiber(*TO_EVE, depolarizing=v.depolarizing), fiber(*TO_BOB)])
     draws = np.random.default_rng([seed, 1])
     test, block = SequentialTest(question(v)), 0
-    found: list[int] = []
-    while len(found) < v.alarms:
+    compared: list[int] = []
+    while len(compared) < v.alarms:
         differ = await _sealed(laboratory, block, v.tapped, draws)
         block += 1
-        while differ.size and len(found) < v.alarms:
+        while differ.size and len(compared) < v.alarms:
             seen = test.compared
             test.add(differ)
             differ = differ[test.compared - seen :]
             if test.alarm:
-                found.append(test.compared)
+                compared.append(test.compared)
                 test = SequentialTest(question(v))
-    counts = np.array(found)
+    counts = np.array(compared)
     return {"pairs": Estimate(float(counts.mean()), float(counts.std() / np.sqrt(counts.size)))}
 
 

@@ -130,14 +130,14 @@ def residuals(picture: Picture) -> dict[int, list[tuple[Value, float]]]:
 
     A point without an error has none.
     """
-    found: dict[int, list[tuple[Value, float]]] = {}
+    by_series: dict[int, list[tuple[Value, float]]] = {}
     for number, (_label, points) in enumerate(picture.series):
         for values, estimate in points:
             expected = picture.measure.theory(values)
             if expected is not None and estimate.error > 0:
                 apart = (estimate.value - expected) / estimate.error
-                found.setdefault(number, []).append((values[picture.x.name], apart))
-    return found
+                by_series.setdefault(number, []).append((values[picture.x.name], apart))
+    return by_series
 
 
 def _draw_residuals(
@@ -193,10 +193,10 @@ def _theory(picture: Picture, points: list[Point]) -> tuple[list[Value], list[fl
     else:
         places = _dense(picture, [values[name] for values, _estimate in points])
         line = [(place, theory({**points[0][0], name: place})) for place in places]
-    known = [(place, value) for place, value in line if value is not None]
-    if len(known) < len(line):
+    with_theory = [(place, value) for place, value in line if value is not None]
+    if len(with_theory) < len(line):
         return None
-    return [place for place, _value in known], [value for _place, value in known]
+    return [place for place, _value in with_theory], [value for _place, value in with_theory]
 
 
 def _dense(picture: Picture, xs: Sequence[Value]) -> list[Value]:

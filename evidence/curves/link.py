@@ -41,10 +41,10 @@ DEVICES = tuple(each for prefix, part in PARTS.items() for each in of_dataclass(
 LINK = (PRESET, *FIBER, *DEVICES)
 
 
-def implied(given: Values) -> Values:
+def implied(values_given: Values) -> Values:
     """Return what preset and kind of fibre say of the parameters that are not given."""
-    preset = PRESETS[str(given.get(PRESET.name, PRESET.default))]
-    values = asdict(optics("the fibre", **{**preset.fiber, **optics_of(given)}))
+    preset = PRESETS[str(values_given.get(PRESET.name, PRESET.default))]
+    values = asdict(optics("the fibre", **{**preset.fiber, **optics_of(values_given)}))
     for prefix in PARTS:
         part = asdict(getattr(preset.device, prefix.rstrip("_")))
         values |= {f"{prefix}{name}": value for name, value in part.items()}
@@ -89,12 +89,12 @@ def network(seed: int, fibers: list[Fiber], **devices: Device) -> Laboratory:
 def device(values: Values) -> Device:
     parts: dict[str, Any] = {}
     for prefix, part in PARTS.items():
-        own: dict[str, Any] = {
+        settings: dict[str, Any] = {
             name.removeprefix(prefix): value
             for name, value in values.items()
             if name.startswith(prefix)
         }
-        parts[prefix.rstrip("_")] = replace(part, **own)
+        parts[prefix.rstrip("_")] = replace(part, **settings)
     return Device(**parts)
 
 

@@ -79,23 +79,30 @@ def contend(network: Network, classes: Sequence[Class], count: int, seed: int) -
         requests.append((kind, asked(classes[kind], hosts, now, random.expovariate(1.0))))
     arbiter = Arbiter(network, FOR_EVER_S, FOR_EVER_S)
     fates = CountedTime(arbiter).run([each for _kind, each in requests])
-    found: list[list[Fate]] = [[] for _ in classes]
+    by_class: list[list[Fate]] = [[] for _ in classes]
     for (kind, _asked), each in zip(requests, fates, strict=True):
-        found[kind].append(each)
-    return found
+        by_class[kind].append(each)
+    return by_class
 
 
 def hosts_of(network: Network, classes: Sequence[Class], kind: int, turn: int) -> tuple[str, ...]:
     """Return opener, acceptor and source of a session that nobody else has just then."""
-    own, wide = classes[kind], classes[kind].service == Service.DISTRIBUTE
+    kind_of_sessions, wide = classes[kind], classes[kind].service == Service.DISTRIBUTE
     first = 1 + 3 * (kind * HOSTS + turn)
-    begin, end = attached(network, own.begin, first), attached(network, own.end, first + 1)
-    return (end, attached(network, own.end, first + 2), begin) if wide else (begin, end, begin)
+    begin, end = (
+        attached(network, kind_of_sessions.begin, first),
+        attached(network, kind_of_sessions.end, first + 1),
+    )
+    return (
+        (end, attached(network, kind_of_sessions.end, first + 2), begin)
+        if wide
+        else (begin, end, begin)
+    )
 
 
-def asked(own: Class, hosts: tuple[str, ...], now: float, holding_s: float) -> Asked:
+def asked(sessions: Class, hosts: tuple[str, ...], now: float, holding_s: float) -> Asked:
     opener, acceptor, source = hosts
-    return Asked(now, opener, acceptor, holding_s, source=source, service=own.service)
+    return Asked(now, opener, acceptor, holding_s, source=source, service=sessions.service)
 
 
 def blocked(fates: Sequence[Fate]) -> Estimate:

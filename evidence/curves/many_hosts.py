@@ -81,18 +81,18 @@ class Line:
         ends: list[list[End]] = [[] for _ in self.hosts]
         for a, b in graph.edges:
             numbers = [await self.link(place, size) for place in range(a, b)]
-            for place, (came, own) in enumerate(pairwise(numbers), a + 1):
-                flips[b] ^= await joined(self.hosts[place], (came, 1), (own, 0))
+            for place, (came, half) in enumerate(pairwise(numbers), a + 1):
+                flips[b] ^= await joined(self.hosts[place], (came, 1), (half, 0))
                 flips[a] ^= await self.hosts[place].measure((came, 1), MeasureRequest.X)
             await self.hosts[b].apply((numbers[-1], 1), gates=[Gate(name=Gate.H)])
             ends[a].append(End((numbers[0], 0), b))
             ends[b].append(End((numbers[-1], 1), a))
-        for host, (kept, *others) in zip(self.hosts, ends, strict=True):
+        for host, (qubits, *others) in zip(self.hosts, ends, strict=True):
             for end in others:
-                flips[end.far] ^= await joined(host, kept.block, end.block)
-        for host, (kept, *_others), own_flips in zip(self.hosts, ends, flips, strict=True):
-            await host.apply(kept.block, paulis=own_flips * PHASE)
-        return [kept.block for kept, *_others in ends]
+                flips[end.far] ^= await joined(host, qubits.block, end.block)
+        for host, (qubits, *_others), own_flips in zip(self.hosts, ends, flips, strict=True):
+            await host.apply(qubits.block, paulis=own_flips * PHASE)
+        return [qubits.block for qubits, *_others in ends]
 
     async def measure(
         self, keys: Sequence[BlockKey], bases: NDArray[np.uint8]
@@ -100,8 +100,8 @@ class Line:
         """Return outcomes of each host in its bases; both of shape (hosts, states)."""
         return np.vstack(
             [
-                await host.measure(name, bases=own)
-                for host, name, own in zip(self.hosts, keys, bases, strict=True)
+                await host.measure(name, bases=basis)
+                for host, name, basis in zip(self.hosts, keys, bases, strict=True)
             ]
         )
 
@@ -126,9 +126,9 @@ def line_of(v: Point, seed: int) -> Line:
 async def ghz(v: Point, seed: int) -> Outcome:
     line, random, tally = line_of(v, seed), np.random.default_rng(seed), Tally()
     for _block, size in blocks(v.pairs):
-        kept, _there = await line.ghz(size)
+        qubits, _there = await line.ghz(size)
         bases = chosen_bases(random, len(line.hosts), size)
-        tally.add(bases, await line.measure(kept, bases))
+        tally.add(bases, await line.measure(qubits, bases))
     equal, right = proportion(tally.equal, tally.in_z), proportion(tally.right, tally.in_x)
     error = float(np.hypot(equal.error / 2, right.error))
     return {"fidelity": Estimate(float(tally.summary()["fidelity"]), error), "equal": equal}
@@ -145,9 +145,9 @@ async def graph(v: Point, seed: int) -> Outcome:
     shape = graph_of(v)
     line, random, tally = line_of(v, seed), np.random.default_rng(seed), Stabilisers(shape)
     for _block, size in blocks(v.pairs):
-        kept = await line.graph(shape, size)
+        qubits = await line.graph(shape, size)
         bases = tally.bases(random, size)
-        tally.add(bases, await line.measure(kept, bases))
+        tally.add(bases, await line.measure(qubits, bases))
     summary = tally.summary()
     return {"fidelity": Estimate(summary["fidelity"], summary["fidelity_error"])}
 
@@ -159,13 +159,13 @@ def graph_of(v: Point) -> Graph:
 
 def of_graph(v: Point) -> Theory:
     """Return the mean of all stabilisers, which keep 1 - p for each link of edges they touch."""
-    graph, kept = graph_of(v), 1 - v.depolarizing
+    graph, intact = graph_of(v), 1 - v.depolarizing
     chosen = np.array(list(product((False, True), repeat=graph.hosts)))
     links: NDArray[np.int64] = sum(
         ((chosen[:, a] | chosen[:, b]) * (b - a) for a, b in graph.edges),
         start=np.zeros(len(chosen), np.int64),
     )
-    return {"fidelity": float((kept**links).mean())}
+    return {"fidelity": float((intact**links).mean())}
 
 
 async def conference(v: Point, seed: int) -> Outcome:
@@ -190,11 +190,11 @@ async def _compared(line: Line, pairs: float) -> tuple[Counts, tuple[int, int]]:
     seen, attempted = 0, 0
     for basis in (MeasureRequest.X, MeasureRequest.Z):
         for _block, size in blocks(int(pairs) // 2):
-            kept, there = await line.ghz(size)
-            ends = zip(line.hosts, kept, strict=True)
-            found = np.vstack([await host.measure(name, basis) for host, name in ends])
-            there &= (found != NO_CLICK).all(axis=0)
-            _count(counts, found[:, there], in_x=basis == MeasureRequest.X)
+            qubits, there = await line.ghz(size)
+            ends = zip(line.hosts, qubits, strict=True)
+            outcomes = np.vstack([await host.measure(name, basis) for host, name in ends])
+            there &= (outcomes != NO_CLICK).all(axis=0)
+            _count(counts, outcomes[:, there], in_x=basis == MeasureRequest.X)
             seen, attempted = seen + int(there.sum()), attempted + size
     return counts, (seen, attempted)
 
@@ -204,9 +204,9 @@ def _errors(counts: Counts) -> Outcome:
     return {"qber_x": in_x, "qber_z": max(in_z, key=lambda estimate: estimate.value)}
 
 
-def _count(counts: Counts, found: NDArray[np.uint8], *, in_x: bool) -> None:
+def _count(counts: Counts, outcomes: NDArray[np.uint8], *, in_x: bool) -> None:
     """Count what is wrong and right, of outcomes of shape (hosts, states)."""
-    wrong = [found.sum(axis=0) & 1] if in_x else list(found[1:] ^ found[:1])
+    wrong = [outcomes.sum(axis=0) & 1] if in_x else list(outcomes[1:] ^ outcomes[:1])
     places = [0] if in_x else range(1, len(counts))
     for place, each in zip(places, wrong, strict=True):
         counts[place] += np.bincount(1 - each, minlength=2)
@@ -249,8 +249,8 @@ def of_far_conference(v: Point) -> Theory:
     seen = right + wrong
     gain = seen**links * (comes * seen + (1 - comes) * 2 * either) ** links
     keeps = (comes * (1 - 2 * ERROR) * seen) ** links * seen**-1 * (right - wrong) ** (links + 1)
-    found = _tests((1 - keeps / gain) / 2)
-    return found | {"gain": gain, "key": gain * found["key"]}
+    tests = _tests((1 - keeps / gain) / 2)
+    return tests | {"gain": gain, "key": gain * tests["key"]}
 
 
 async def sensing(v: Point, seed: int) -> Outcome:
@@ -280,17 +280,17 @@ async def sensing(v: Point, seed: int) -> Outcome:
 
 async def _fringe(line: Line, count: int, steps: int) -> Bytes:
     """Return parities of `count` states, 2 where one was not seen, at an angle."""
-    found, missing = [np.zeros(0, np.uint8)], count
+    bits, missing = [np.zeros(0, np.uint8)], count
     while missing > 0:
-        kept, there = await line.ghz(min(missing, SENSED_STATES))
-        angles = [steps, *[0] * (len(kept) - 1)]
+        qubits, there = await line.ghz(min(missing, SENSED_STATES))
+        angles = [steps, *[0] * (len(qubits) - 1)]
         exposed = [
             await _exposed(host, block, angle)
-            for host, block, angle in zip(line.hosts, kept, angles, strict=True)
+            for host, block, angle in zip(line.hosts, qubits, angles, strict=True)
         ]
-        found.append(parities(np.vstack(exposed)[:, there]))
+        bits.append(parities(np.vstack(exposed)[:, there]))
         missing -= int(np.count_nonzero(there))
-    return np.concatenate(found)[:count]
+    return np.concatenate(bits)[:count]
 
 
 async def _probed(line: Line, host: LaboratoryHost, count: int, steps: int) -> Bytes:
@@ -314,13 +314,13 @@ def parities(outcomes: NDArray[np.uint8]) -> Bytes:
 
 def _wrong(reference: Bytes, seen: NDArray[np.uint8], phase_rad: float) -> NDArray[np.float64]:
     """Return by how much each estimate is wrong; the reference has the visibility."""
-    found = []
+    phases_rad = []
     for outcomes in seen:
         fringe = Fringe()
         fringe.add(in_steps(phase_rad), reference[reference <= 1])
         fringe.add(in_steps(phase_rad - QUARTER), outcomes[outcomes <= 1])
-        found.append(fringe.phase().phase_rad)
-    return (np.array(found) - phase_rad + pi) % (2 * pi) - pi
+        phases_rad.append(fringe.phase().phase_rad)
+    return (np.array(phases_rad) - phase_rad + pi) % (2 * pi) - pi
 
 
 def of_sensing(v: Point) -> Theory:

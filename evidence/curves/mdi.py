@@ -54,14 +54,16 @@ async def lasers(v: Point, seed: int) -> Outcome:
         states = random.integers(0, 4, (2, size), dtype=np.uint8)
         levels = random.choice(3, (2, size), p=SHARES).astype(np.uint8)
         names = [(2 * block, 0), (2 * block + 1, 0)]
-        for host, own, level, name, way in zip(hosts, states, levels, names, WAYS, strict=True):
-            await host.prepare(own, name[0], level)
+        for host, prepared, level, name, way in zip(
+            hosts, states, levels, names, WAYS, strict=True
+        ):
+            await host.prepare(prepared, name[0], level)
             await host.send({name: way[0]})
         bases = states >> 1
         same = bases[0] == bases[1]
         np.add.at(sent, (bases[0][same], *levels[:, same]), 1)
-        kept, wrong = await sifted(charlie, names, states)
-        np.add.at(counts, (bases[0][kept], wrong, *levels[:, kept]), 1)
+        same_basis, wrong = await sifted(charlie, names, states)
+        np.add.at(counts, (bases[0][same_basis], wrong, *levels[:, same_basis]), 1)
     signals = int(sent[Z, 0, 0])
     return rates(counts[:, :, 0, 0], signals) | {"key": decoy_key(decoys, counts, signals)}
 
@@ -83,14 +85,14 @@ async def pairs(v: Point, seed: int) -> Outcome:
     for block, size in blocks(v.pairs):
         states = random.integers(0, 4, (2, size), dtype=np.uint8)
         names, single = [(2 * block, 0), (2 * block + 1, 0)], np.ones(size, bool)
-        for host, own, name, way in zip(hosts, states, names, WAYS, strict=True):
-            await host.prepare(own, name[0])
+        for host, prepared, name, way in zip(hosts, states, names, WAYS, strict=True):
+            await host.prepare(prepared, name[0])
             single &= _photons(laboratory, name, size) == 1
             await host.send({name: way[0]})
         bases = states >> 1
         sent += int(((bases[0] == Z) & (bases[1] == Z)).sum())
-        kept, wrong = await sifted(charlie, names, states)
-        np.add.at(counts, (bases[0][kept], wrong, single[kept].astype(np.uint8)), 1)
+        same_basis, wrong = await sifted(charlie, names, states)
+        np.add.at(counts, (bases[0][same_basis], wrong, single[same_basis].astype(np.uint8)), 1)
     return rates(counts.sum(axis=2), sent) | {"key": single_key(counts, sent)}
 
 
@@ -117,17 +119,17 @@ async def sifted(
     if None in came:
         return np.zeros(states.shape[1], bool), np.zeros(0, np.uint8)
     outcomes = await charlie.bell_measure(names[0], names[1])
-    kept = (bases[0] == bases[1]) & (outcomes != NO_COINCIDENCE)
-    bits = states[:, kept] & np.uint8(1)
-    return kept, bits[0] ^ fitting(bits[1], bases[1][kept], outcomes[kept])
+    mask = (bases[0] == bases[1]) & (outcomes != NO_COINCIDENCE)
+    bits = states[:, mask] & np.uint8(1)
+    return mask, bits[0] ^ fitting(bits[1], bases[1][mask], outcomes[mask])
 
 
 def _photons(laboratory: Laboratory, name: BlockKey, size: int) -> NDArray[np.int64]:
     (block,) = laboratory.layer.ownership.parts(BlockName(SESSION, *name))
-    own = block.register.present.astype(np.int64)
+    counts = block.register.present.astype(np.int64)
     if block.extra_pairs is None:
-        return own
-    return own + np.bincount(block.extra_pairs.pulses, minlength=size)
+        return counts
+    return counts + np.bincount(block.extra_pairs.pulses, minlength=size)
 
 
 def rates(counts: NDArray[np.int64], sent: int) -> Outcome:

@@ -38,12 +38,12 @@ Theory = dict[str, float]
 async def fresh_outcomes(v: Point, seed: int) -> Outcome:
     """Measure half of each pair in X; count how often two blocks in a row say the same."""
     alice, uses = network(seed, []).host("alice"), int(v.uses)
-    size, found = int(v.pairs) // uses, []
+    size, outcomes = int(v.pairs) // uses, []
     for _ in range(uses):
         await alice.create(size)
-        found.append(await alice.measure((0, 0), MeasureRequest.X))
+        outcomes.append(await alice.measure((0, 0), MeasureRequest.X))
         await alice.discard((0, 1))
-    equal = sum(np.count_nonzero(a == b) for a, b in pairwise(found))
+    equal = sum(np.count_nonzero(a == b) for a, b in pairwise(outcomes))
     return {"equal": proportion(int(equal), size * (uses - 1))}
 
 
@@ -100,25 +100,25 @@ async def fidelity_age(v: Point, seed: int) -> Outcome:
     alice = Device(source=PairSource(fidelity=v.fidelity), memory=memory)
     fibers = [fiber(*TESTED, length_km=0.0)]
     laboratory = network(seed, fibers, alice=alice, bob=Device(memory=memory))
-    sampled, found = Sampled(), Sampled()
+    sampled, delivered = Sampled(), Sampled()
     bases = (np.arange(SAMPLED_PAIRS) % 3).astype(np.uint8)
     for block in range(int(v.pairs) // SAMPLED_PAIRS):
         ends = await _stored(laboratory, SAMPLED_PAIRS, block)
         if block % 2:
             await laboratory.wait(v.waited_s)
-        (found if block % 2 else sampled).add(bases, *await measured(ends, bases=bases))
+        (delivered if block % 2 else sampled).add(bases, *await measured(ends, bases=bases))
     lifetimes = Lifetimes(memory.t1_s, memory.t2_s, memory.depolarizing_s, memory.cutoff_s)
     at_delivery = sampled.after(v.waited_s, (lifetimes, lifetimes))
     return {
         "estimate": Estimate(sampled.fidelity or math.nan, _error(sampled)),
         "expected": Estimate(at_delivery or math.nan, _error(sampled)),
-        "delivered": Estimate(found.fidelity or math.nan, _error(found)),
+        "delivered": Estimate(delivered.fidelity or math.nan, _error(delivered)),
     }
 
 
-def _error(found: Sampled) -> float:
+def _error(sampled: Sampled) -> float:
     """Return the standard error of a fidelity, the sum of three shares of a half each."""
-    counts = zip(found.right, found.measured, strict=True)
+    counts = zip(sampled.right, sampled.measured, strict=True)
     return _spread(*(proportion(int(right), int(pairs)) for right, pairs in counts))
 
 
@@ -147,10 +147,10 @@ async def heralding(v: Point, seed: int) -> Outcome:
     way = {"length_km": v.arm_km, "loss_db_per_km": v.loss_db_per_km}
     at_q1 = Device(analyser=BellAnalyser("linear", visibility=v.visibility))
     laboratory = await station(seed, way, Device(emitter=emitter), at_q1)
-    found, took_s, ends = await heralded(laboratory, count, 0)
-    heralds = np.frombuffer(found.outcomes, np.uint8)
-    each = proportion(heralds.size, found.attempts)
-    per_s = found.attempts / emitter.modes / took_s
+    reply, took_s, ends = await heralded(laboratory, count, 0)
+    heralds = np.frombuffer(reply.outcomes, np.uint8)
+    each = proportion(heralds.size, reply.attempts)
+    per_s = reply.attempts / emitter.modes / took_s
     rate = Estimate(each.value * per_s, each.error * per_s)
     bases = (np.arange(heralds.size) % 3).astype(np.uint8)
     mine, yours = await measured(ends, bases=bases)
@@ -231,9 +231,9 @@ def of_cutoff(v: Point) -> Theory:
     chance, attempt_s, rounds = theory.two_clicks(v.efficiency, 1.0)[0], _attempt_s(), v.cutoff_s
     if not math.isinf(rounds):
         rounds = math.floor((v.cutoff_s - _flight_s()) / attempt_s + 1e-9)
-    kept = theory.kept_over_gap(chance, rounds, math.exp(-2 * attempt_s / v.t2_s))
+    coherence = theory.kept_over_gap(chance, rounds, math.exp(-2 * attempt_s / v.t2_s))
     rate = 1 / (theory.attempts_until_two(chance, rounds) * attempt_s)
-    return {"rate": rate, "fidelity": (1 + kept) / 2}
+    return {"rate": rate, "fidelity": (1 + coherence) / 2}
 
 
 def _flight_s() -> float:

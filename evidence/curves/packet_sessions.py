@@ -33,20 +33,28 @@ def as_sessions(
     Each holds its light as long as all attempts take until it is made, one behind the other, and is
     given up where the window of the last could not end by the deadline.
     """
-    found = []
-    for own in applications:
+    sessions = []
+    for application in applications:
         released_s = 0.0
         for _ in range(packets):
             released_s += random.exponential(1 / rate_per_s)
-            held, needed = 0, own.window + 1
-            while needed > own.window:
-                needed = pairs.packet + int(random.negative_binomial(pairs.packet, own.chance))
-                held += min(needed, own.window)
-            left_s = pairs.period_s - own.window * pairs.slot_s
-            found.append(
-                Planned(released_s, own.path[0], own.path[-1], held * pairs.slot_s, left_s)
+            held, needed = 0, application.window + 1
+            while needed > application.window:
+                needed = pairs.packet + int(
+                    random.negative_binomial(pairs.packet, application.chance)
+                )
+                held += min(needed, application.window)
+            left_s = pairs.period_s - application.window * pairs.slot_s
+            sessions.append(
+                Planned(
+                    released_s,
+                    application.path[0],
+                    application.path[-1],
+                    held * pairs.slot_s,
+                    left_s,
+                )
             )
-    return sorted(found, key=lambda each: each.at_s)
+    return sorted(sessions, key=lambda each: each.at_s)
 
 
 def counted(read: Map, planned: Sequence[Planned], queue: Queue, signalling: float) -> list[Fate]:
@@ -56,7 +64,7 @@ def counted(read: Map, planned: Sequence[Planned], queue: Queue, signalling: flo
     """
     network, switches = network_of(read)
     away_s = {place: signalling * far_s for place, far_s in away(read, switches).items()}
-    asked = [
+    requests = [
         Asked(
             each.at_s,
             address(switches[each.opener]),
@@ -68,7 +76,7 @@ def counted(read: Map, planned: Sequence[Planned], queue: Queue, signalling: flo
         for each in planned
     ]
     arbiter = Arbiter(network, FOR_EVER_S, FOR_EVER_S, queues=True, order=queue)
-    return CountedTime(arbiter, away_s.__getitem__).run(asked)
+    return CountedTime(arbiter, away_s.__getitem__).run(requests)
 
 
 def of_counted(fates: Iterable[Fate]) -> tuple[Estimate, Estimate]:

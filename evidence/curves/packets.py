@@ -82,21 +82,21 @@ def graph_of(read: Map) -> "networkx.Graph[str]":
 
 def tree_of(read: Map, centre: str) -> Map:
     """Return the map with the links that lead soonest to its centre: one for any two places."""
-    kept = {frozenset(ends) for ends in networkx.bfs_tree(graph_of(read), centre).edges()}
-    return replace(read, links=[link for link in read.links if {link.one, link.other} in kept])
+    edges = {frozenset(ends) for ends in networkx.bfs_tree(graph_of(read), centre).edges()}
+    return replace(read, links=[link for link in read.links if {link.one, link.other} in edges])
 
 
 def drawn(read: Map, pairs: Pairs, count: int, seed: int) -> list[Application]:
     """Return as many applications as the program of the paper's authors draws with this seed."""
     graph, names = graph_of(read), [place.name for place in read.places]
-    random, found = np.random.default_rng(seed), []
+    random, applications = np.random.default_rng(seed), []
     for _ in range(count):
         one, other = random.choice(names, 2, replace=False).tolist()
         random.uniform(), random.choice(1, 1, replace=False)  # a period, and a policy
         path = networkx.shortest_path(graph, one, other)
         links = len(path) - 1
-        found.append(Application(path, pairs.chance(links), pairs.window(links)))
-    return found
+        applications.append(Application(path, pairs.chance(links), pairs.window(links)))
+    return applications
 
 
 def timetable(applications: Sequence[Application], pairs: Pairs) -> list[float] | None:
@@ -140,15 +140,15 @@ class Requests:
         return len(self.turnarounds_s) / self.released
 
     def begin(self) -> list[Asked]:
-        found = (self._released(number, 0.0) for number in range(len(self.applications)))
-        return [asked for asked in found if asked is not None]
+        requests = (self._released(number, 0.0) for number in range(len(self.applications)))
+        return [request for request in requests if request is not None]
 
     def then(self, fate: Fate, now: float) -> Asked | None:
         number = application_of(fate.asked)
-        own = self.applications[number]
-        if fate.used and own.succeeds:
-            own.packets += 1
-            self.turnarounds_s.append(now - own.released_s)
+        application = self.applications[number]
+        if fate.used and application.succeeds:
+            application.packets += 1
+            self.turnarounds_s.append(now - application.released_s)
         elif fate.used and self.starts is None:
             again = self._attempt(number, now + ROUNDING_S)  # behind those that wait already
             if again is not None:
@@ -157,33 +157,33 @@ class Requests:
 
     def _released(self, number: int, now: float) -> Asked | None:
         """Return the request for its next packet that can be there by its deadline."""
-        own = self.applications[number]
-        while own.packets < self.wanted and own.releases < self.most:
+        application = self.applications[number]
+        while application.packets < self.wanted and application.releases < self.most:
             if self.starts is None:
-                own.released_s += self.random.exponential(1 / self.rate_per_s)
-                begin_s = own.released_s
+                application.released_s += self.random.exponential(1 / self.rate_per_s)
+                begin_s = application.released_s
             else:
-                own.released_s = own.releases * self.pairs.period_s
-                begin_s = own.released_s + self.starts[number]
-            own.releases += 1
-            asked = self._attempt(number, max(now, begin_s))
-            if asked is not None:
-                return asked
+                application.released_s = application.releases * self.pairs.period_s
+                begin_s = application.released_s + self.starts[number]
+            application.releases += 1
+            request = self._attempt(number, max(now, begin_s))
+            if request is not None:
+                return request
         return None
 
     def _attempt(self, number: int, at_s: float) -> Asked | None:
         """Return the request, None if its window would end behind the deadline."""
-        own, pairs = self.applications[number], self.pairs
-        window_s = own.window * pairs.slot_s
-        left_s = own.released_s + pairs.period_s - window_s - at_s
+        application, pairs = self.applications[number], self.pairs
+        window_s = application.window * pairs.slot_s
+        left_s = application.released_s + pairs.period_s - window_s - at_s
         if left_s < -ROUNDING_S:
             return None
-        needed = pairs.packet + int(self.random.negative_binomial(pairs.packet, own.chance))
-        own.succeeds = needed <= own.window
+        needed = pairs.packet + int(self.random.negative_binomial(pairs.packet, application.chance))
+        application.succeeds = needed <= application.window
         return Asked(
             at_s,
             *addresses(number),
-            min(needed, own.window) * pairs.slot_s,
+            min(needed, application.window) * pairs.slot_s,
             deadline_s=left_s + window_s,
             wavelength_pm=Asked.wavelength_pm + GRID_PM * number,
             useful_s=left_s + ROUNDING_S,
@@ -221,13 +221,13 @@ def ask_in_counted_time(read: Map, asking: Requests, queue: Queue, signalling: f
 
 
 def measured(
-    read: Map, wanted: Drawn, queue: Queue, signalling: float, random: np.random.Generator
+    read: Map, draw: Drawn, queue: Queue, signalling: float, random: np.random.Generator
 ) -> dict[str, float]:
     """Have applications ask in counted time; return their share, and their mean turnaround in s."""
-    applications = drawn(read, Pairs(), wanted.count, wanted.seed)
-    starts = timetable(applications, Pairs()) if wanted.by_timetable else None
+    applications = drawn(read, Pairs(), draw.count, draw.seed)
+    starts = timetable(applications, Pairs()) if draw.by_timetable else None
     asking = Requests(
-        applications, Pairs(), wanted.packets, wanted.rate_per_s, random, starts, wanted.most
+        applications, Pairs(), draw.packets, draw.rate_per_s, random, starts, draw.most
     )
     ask_in_counted_time(read, asking, queue, signalling)
     return {"share": asking.share, "turnaround": float(np.mean(asking.turnarounds_s))}

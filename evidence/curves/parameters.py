@@ -169,17 +169,17 @@ def declared(name: str, value: Any) -> Parameter:
 
 
 def of_dataclass(prefix: str, device: Any) -> list[Parameter]:
-    found = []
+    parameters = []
     for each in fields(device):
         name, default = f"{prefix}{each.name}", getattr(device, each.name)
         if default is None:
             continue
         if "choices" in each.metadata:
-            found.append(Parameter(name, default, choices=each.metadata["choices"]))
+            parameters.append(Parameter(name, default, choices=each.metadata["choices"]))
         elif "range" in each.metadata:
             least, most = each.metadata["range"]
-            found.append(Parameter(name, default, least, most, unit_of(each.name)))
-    return found
+            parameters.append(Parameter(name, default, least, most, unit_of(each.name)))
+    return parameters
 
 
 def point_seed(experiment: str, values: Values, seed: int) -> int:

@@ -76,8 +76,8 @@ def clicks(v: Point) -> Theory:
 
 
 async def classical_light(v: Point, seed: int) -> Outcome:
-    given: dict[str, Any] = {name: value for name, value in v.items() if name != "pairs"}
-    laboratory = network(seed, [fiber(*TESTED, **given)])
+    settings: dict[str, Any] = {name: value for name, value in v.items() if name != "pairs"}
+    laboratory = network(seed, [fiber(*TESTED, **settings)])
     pulses = seen = wrong = 0
     async for bits in zeros(laboratory, v.pairs, RATE_HZ):
         pulses += bits.size
@@ -137,10 +137,10 @@ def turns(v: Point) -> Theory:
 def of_modes(v: Point) -> Theory:
     """Return errors in any basis behind loss and delay, which compose, and what comes through."""
     mean_s = v.pmd_ps_per_sqrt_km * math.sqrt(v.length_km) * 1e-12
-    kept = (1 - 2 * theory.dependent_loss_error(v.pdl_db)) * (
+    correlation = (1 - 2 * theory.dependent_loss_error(v.pdl_db)) * (
         1 - 2 * theory.mode_dispersion_error(mean_s, theory.rad_per_s(v.bandwidth_nm))
     )
-    return {"error": (1 - kept) / 2, "arrived": (1 + theory.transmission(v.pdl_db)) / 2}
+    return {"error": (1 - correlation) / 2, "arrived": (1 + theory.transmission(v.pdl_db)) / 2}
 
 
 async def stored(v: Point, seed: int) -> Outcome:
@@ -157,9 +157,9 @@ async def stored(v: Point, seed: int) -> Outcome:
         if await bob.receive((block, 1), TESTED[1]) is None:
             continue
         heralds = np.frombuffer((await bob.store((block, 1))).arrived, np.uint8) > 0
-        found = await bob.measure((block, 1))
+        outcomes = await bob.measure((block, 1))
         heralded += int(np.count_nonzero(heralds))
-        there += int(np.count_nonzero(heralds & (found != NO_CLICK)))
+        there += int(np.count_nonzero(heralds & (outcomes != NO_CLICK)))
     return {"heralded": proportion(heralded, sent), "there": proportion(there, heralded)}
 
 

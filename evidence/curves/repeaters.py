@@ -200,27 +200,27 @@ async def purification(v: Point, seed: int) -> Outcome:
     """Purify pairs by gates and readings that err; measure a third of what is left in each."""
     noise, misread = v.two_qubit_depolarizing, v.readout_error
     gates = Gates("any", two_qubit_depolarizing=noise, readout_error=misread)
-    chain, kept = Chain(1, v.fidelity, seed, gates), 0
+    chain, pairs = Chain(1, v.fidelity, seed, gates), 0
     made = PHOTONS * int(v.pairs) // len(BASES)
 
     async def purified_link(turn: int) -> Ends:
-        nonlocal kept
+        nonlocal pairs
         span = await chain.link(0, made, turn)
         for host, key in chain.held(span):  # readings are of what is kept
             await host.store(key)
         await chain.purify(span, Protocol.BBPSSW)
-        kept += span.pairs
+        pairs += span.pairs
         return chain.held(span)
 
     seen, read = await fidelity(purified_link), (1 - 2 * misread) ** 2
     # Two readings spoil each correlation.
     estimate = Estimate(1 / 4 + (seen.value - 1 / 4) / read, seen.error / read)
-    return {"fidelity": estimate, "success": proportion(kept, made * len(BASES) // PHOTONS)}
+    return {"fidelity": estimate, "success": proportion(pairs, made * len(BASES) // PHOTONS)}
 
 
 def of_purification(v: Point) -> Theory:
-    kept, success = theory.purified(v.fidelity, v.two_qubit_depolarizing, v.readout_error)
-    return {"fidelity": kept, "success": success}
+    after, success = theory.purified(v.fidelity, v.two_qubit_depolarizing, v.readout_error)
+    return {"fidelity": after, "success": success}
 
 
 class End(Performer):
@@ -303,29 +303,29 @@ def of_overhead(v: Point) -> Theory:
 
 
 @cache
-def _mean(wanted: int, share_: float, passes: float) -> float:
+def _mean(target: int, share_: float, passes: float) -> float:
     mean = 0.0
     least = LEAST_SAMPLE if share_ else 0
     states = {(0, 0, 0, 1): 1.0}  # pairs there, sampled and made, and the last block: how likely
     while states:
         after: defaultdict[tuple[int, int, int, int], float] = defaultdict(float)
         for (there, sampled, made, last), chance in states.items():
-            missing, unknown = max(wanted - there, 0), max(least - sampled, 0)
+            missing, unknown = max(target - there, 0), max(least - sampled, 0)
             if made and not there + sampled:
                 size = GROWTH * last
             else:
-                kept = (there + sampled) / made if made else 1.0
+                fraction = (there + sampled) / made if made else 1.0
                 needed = max(missing + unknown, missing / (1 - share_))
-                size = math.ceil(SPARE * needed / kept + 1)
+                size = math.ceil(SPARE * needed / fraction + 1)
             mean += chance * size
             for came, likely in _binomial(size, passes):
                 for count, rounded in _rounded(share_ * came):
-                    taken = max(count, min(came, there + came - wanted, unknown))
-                    left, known = there + came - taken, sampled + taken
-                    if left < wanted or known < least:
-                        after[left, known, made + size, size] += chance * likely * rounded
+                    taken = max(count, min(came, there + came - target, unknown))
+                    left, samples = there + came - taken, sampled + taken
+                    if left < target or samples < least:
+                        after[left, samples, made + size, size] += chance * likely * rounded
         states = {state: chance for state, chance in after.items() if chance > UNLIKELY}
-    return mean / wanted
+    return mean / target
 
 
 @cache

@@ -41,8 +41,8 @@ def fill(grid: Grid, seed: int, table: Table, measurer: Measurer) -> Iterator[Ro
 
 def rows(grid: Grid, seed: int, table: Table) -> list[Row]:
     """Return all points of the grid that are in the table, in the grid's order."""
-    known = ((values, table.get(values, seed)) for values in grid.points())
-    return [(values, outcome) for values, outcome in known if outcome is not None]
+    outcomes = ((values, table.get(values, seed)) for values in grid.points())
+    return [(values, outcome) for values, outcome in outcomes if outcome is not None]
 
 
 def on_cluster(
@@ -67,13 +67,13 @@ def client(scheduler: str, workers: int) -> AbstractContextManager[Client]:
     return cluster.remote_client(scheduler) if scheduler else cluster.local_client(workers)
 
 
-def disagreements(experiment: Experiment, found: Iterable[Row]) -> list[str]:
+def disagreements(experiment: Experiment, measured: Iterable[Row]) -> list[str]:
     """Name every point that is too far from theory.
 
     Left out is what has no theory, and what could not be measured, as errors of lost light.
     """
     far = []
-    for values, outcome in found:
+    for values, outcome in measured:
         for measure in experiment.measures:
             theory, estimate = measure.expected(values, outcome), outcome[measure.name]
             if theory is None or math.isnan(estimate.value) or estimate.agrees(theory):

@@ -55,22 +55,24 @@ def away(read: Map, switches: dict[str, int]) -> dict[str | int, float]:
         for one, other in ((link.one, link.other), (link.other, link.one)):
             distances[one][other] = min(link.length_km, distances[one].get(other, link.length_km))
     far_km = shortest(distances, str(centre(distances, list(distances))))
-    found: dict[str | int, float] = {}
+    by_place: dict[str | int, float] = {}
     for name, dpid in switches.items():
-        found[dpid] = found[address(dpid)] = far_km.get(name, 0.0) * 1e3 / SPEED_IN_FIBER_M_PER_S
-    return found
+        by_place[dpid] = by_place[address(dpid)] = (
+            far_km.get(name, 0.0) * 1e3 / SPEED_IN_FIBER_M_PER_S
+        )
+    return by_place
 
 
 def requests(v: Point, hosts: list[str], random: Random) -> list[Asked]:
     """Return what is asked for, the same for every order; deadlines are any from none on."""
-    now, found = 0.0, []
+    now, asking = 0.0, []
     for _ in range(int(v.sessions)):
         now += random.expovariate(v.rate_per_s)
         opener, acceptor = random.sample(hosts, 2)
         urgent = int(random.random() < v.urgent)
         deadline_s = max(random.uniform(0.0, v.deadline_s), 0.001)
-        found.append(Asked(now, opener, acceptor, v.holding_s, urgent, deadline_s))
-    return found
+        asking.append(Asked(now, opener, acceptor, v.holding_s, urgent, deadline_s))
+    return asking
 
 
 async def schedule(v: Point, seed: int) -> Outcome:
@@ -83,8 +85,8 @@ async def schedule(v: Point, seed: int) -> Outcome:
     away_s = away(read, switches) if v["signalling"] == "on" else {}
     queue = Queue(str(v["order"]), v.slot_s)
     arbiter = Arbiter(network, FOR_EVER_S, FOR_EVER_S, queues=True, order=queue)
-    asked = requests(v, [address(dpid) for dpid in switches.values()], Random(seed))  # noqa: S311
-    fates = CountedTime(arbiter, lambda place: away_s.get(place, 0.0)).run(asked)
+    sessions = requests(v, [address(dpid) for dpid in switches.values()], Random(seed))  # noqa: S311
+    fates = CountedTime(arbiter, lambda place: away_s.get(place, 0.0)).run(sessions)
     waits = [each.waited_s for each in fates if each.waited_s is not None]  # of those with light
     return {
         "in_time": share_in_time(fates),

@@ -135,7 +135,9 @@ def _sheet(content: Mapping[str, Any]) -> Sheet:
     name = content["name"]
     check_names(f"sheet {name}", content, (*OF_SHEETS, *OF_CURVES), BadGrid)
     common = {key: value for key, value in content.items() if key not in OF_SHEETS}
-    curves = [_curve({"file": name, **common, **own}, content["grid"]) for own in content["curves"]]
+    curves = [
+        _curve({"file": name, **common, **curve}, content["grid"]) for curve in content["curves"]
+    ]
     return Sheet(name, content.get("experiment", name), content["grid"], curves)
 
 

@@ -137,16 +137,16 @@ def loss_db(v: Point) -> float:
 
 def expected(v: Point) -> dict[str, float | None]:
     """Return the theory of each measure, None where more is going on than it knows."""
-    found: dict[str, float | None] = dict.fromkeys(MEASURES)
+    figures: dict[str, float | None] = dict.fromkeys(MEASURES)
     p = theory.together(v.depolarizing, theory.of_fidelity(v.source_fidelity))
     if is_plain(v, "depolarizing", *PHASE_NOISE, "source_fidelity", *LOSSES, EFFICIENCY):
         z = theory.either(v.dephasing, (1 - v.analyser_visibility) / 2)
         none, *wrong = likely = theory.pauli_probabilities(p, z)
-        found["bit_error"] = (wrong[0] + wrong[1]) / 2 + wrong[2]
-        found |= {"dibit_error": 1 - none, "capacity": 2 - theory.entropy(likely)}
+        figures["bit_error"] = (wrong[0] + wrong[1]) / 2 + wrong[2]
+        figures |= {"dibit_error": 1 - none, "capacity": 2 - theory.entropy(likely)}
     if is_plain(v, *PAULI_NOISE, *LOSSES, EFFICIENCY):  # Pauli errors do not matter, detectors do
-        found["arrived"] = theory.transmission(loss_db(v)) * v.detectors_efficiency**2
+        figures["arrived"] = theory.transmission(loss_db(v)) * v.detectors_efficiency**2
     if is_plain(v, "depolarizing", "source_fidelity", "length_km"):  # erased bits have none
         interleaved = v["interleave"] == "on"
-        found["residual_error"] = coding_theory.residual_error(str(v["fec"]), interleaved, p)
-    return found
+        figures["residual_error"] = coding_theory.residual_error(str(v["fec"]), interleaved, p)
+    return figures

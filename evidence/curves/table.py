@@ -54,12 +54,12 @@ class Table:
         experiment = self._experiment
         if len(line) != (columns := len(header(experiment))):
             raise ValueError(f"{len(line)} columns instead of {columns}")
-        own = iter(line)
-        seed = int(next(own))
-        values = {each.name: each.value(next(own)) for each in experiment.parameters}
+        cells = iter(line)
+        seed = int(next(cells))
+        values = {each.name: each.value(next(cells)) for each in experiment.parameters}
         outcome = {}
         for measure in experiment.measures:
-            value, error, _theory = next(own), next(own), next(own)
+            value, error, _theory = next(cells), next(cells), next(cells)
             outcome[measure.name] = Estimate(float(value), float(error))
         return values, seed, outcome
 

@@ -76,14 +76,16 @@ def waited_fidelity(waited_s: float, t1_s: float, t2_s: float, p: float) -> floa
 
 def agreement_in_x(waits_s: Sequence[tuple[float, float]], t2_s: float) -> float:
     """Return how often X and X of Phi+ agree after both halves of each pair have waited."""
-    kept = [math.exp(-(mine_s + yours_s) / t2_s) for mine_s, yours_s in waits_s]
-    return (1 + sum(kept) / len(kept)) / 2
+    coherences = [math.exp(-(mine_s + yours_s) / t2_s) for mine_s, yours_s in waits_s]
+    return (1 + sum(coherences) / len(coherences)) / 2
 
 
 def agreement_in_z(waits_s: Sequence[tuple[float, float]], t1_s: float) -> float:
     """Return how often Z and Z of Phi+ agree: both relax from |11>, neither from |00>."""
-    kept = [(math.exp(-mine_s / t1_s), math.exp(-yours_s / t1_s)) for mine_s, yours_s in waits_s]
-    both = [mine * yours + (1 - mine) * (1 - yours) for mine, yours in kept]
+    unrelaxed = [
+        (math.exp(-mine_s / t1_s), math.exp(-yours_s / t1_s)) for mine_s, yours_s in waits_s
+    ]
+    both = [mine * yours + (1 - mine) * (1 - yours) for mine, yours in unrelaxed]
     return (1 + sum(both) / len(both)) / 2
 
 
@@ -161,8 +163,10 @@ def scattered_photons(
     P rho D (e^(-qL) - e^(-cL))/(c - q) along with the photons, P rho D (1 - e^(-(c + q)L))/(c + q)
     against them, divided by the energy h c / lambda of one.
     """
-    own, light = (db * math.log(10) / 10 for db in (loss_db_per_km, classical_db_per_km))
-    left, decay = (1.0, light + own) if against else (math.exp(-own * length_km), light - own)
+    signal, light = (db * math.log(10) / 10 for db in (loss_db_per_km, classical_db_per_km))
+    left, decay = (
+        (1.0, light + signal) if against else (math.exp(-signal * length_km), light - signal)
+    )
     far_km = (1 - math.exp(-decay * length_km)) / decay if decay else length_km
     photon_j = 6.62607015e-34 * 299_792_458 / (filter_center_nm * 1e-9)
     scattered_w = classical_mw * 1e-3 * raman_per_km_nm * filter_nm * left * far_km
@@ -207,10 +211,10 @@ def sent_on(
     1 - exp(-mt) of the pulses are to be seen, by first those of several photons.
     """
     pulses = list(zip(means, shares, strict=True))
-    wanted = sum(share * gain(mean * transmission) for mean, share in pulses)
+    clicks = sum(share * gain(mean * transmission) for mean, share in pulses)
     several = sum(share * several_photons(mean) for mean, share in pulses)
     single = sum(share * poisson(mean, 1) for mean, share in pulses)
-    return max(0.0, wanted - several) / single, min(1.0, wanted / several)
+    return max(0.0, clicks - several) / single, min(1.0, clicks / several)
 
 
 def no_click(statistics: str, mean: float, seen: float) -> float:
@@ -393,23 +397,23 @@ def purified(fidelity: float, gates: float, misread: float) -> tuple[float, floa
     Bennett et al., Phys. Rev. Lett. 76, 722, equation 7, with gates that depolarise both qubits of
     an end with probability `gates`, and readings that are wrong with `misread`.
     """
-    other, kept = (1 - fidelity) / 3, (1 - gates) ** 2
+    other, clean = (1 - fidelity) / 3, (1 - gates) ** 2
     # Of the kept pair as Phi+, by whether both ends should read the same of the other one. Where
     # an end depolarises, all 16 Pauli errors of the two pairs are alike.
-    good = kept * (fidelity**2 + other**2) + (1 - kept) / 8
-    dropped = kept * (fidelity + other) * other + (1 - kept) / 8
-    agree = kept * ((fidelity + other) ** 2 + (2 * other) ** 2) + (1 - kept) / 2
+    good = clean * (fidelity**2 + other**2) + (1 - clean) / 8
+    dropped = clean * (fidelity + other) * other + (1 - clean) / 8
+    agree = clean * ((fidelity + other) ** 2 + (2 * other) ** 2) + (1 - clean) / 2
     wrong = either(misread, misread)
     success = agree * (1 - wrong) + (1 - agree) * wrong
     return (good * (1 - wrong) + dropped * wrong) / success, success
 
 
-def gated_swap_fidelity(one: float, two: float, misread: float, kept: float) -> float:
+def gated_swap_fidelity(one: float, two: float, misread: float, coherence: float) -> float:
     """Return the fidelity of perfect pairs joined by a Bell measurement by gates.
 
     Depolarising of the CX leaves nothing of the outcome, that of the H flips the bit of the phase
     with p/2; each bit is read wrongly so often. The ends keep so much of their coherence meanwhile.
     """
     clean, read = 1 - two, 1 - 2 * misread
-    phases = clean * (1 - one) * kept * read
+    phases = clean * (1 - one) * coherence * read
     return (1 + phases + phases * read + clean * read) / 4

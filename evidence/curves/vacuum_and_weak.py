@@ -33,15 +33,15 @@ def with_decoys(length_km: float, weak: float) -> Single:
     decoys = Decoys((SIGNAL, weak, 0.0))
     rates = np.array([seen(length_km, mean) for mean in decoys.means]).T
     counts, wrong = rates * np.array(decoys.shares) * PULSES
-    found = bounds(decoys, Sifted(counts, counts, wrong), None)
-    return found.single / decoys.photons(1) / PULSES, found.phase_error
+    single = bounds(decoys, Sifted(counts, counts, wrong), None)
+    return single.single / decoys.photons(1) / PULSES, single.phase_error
 
 
 def endless(length_km: float) -> Single:
     """Return what endlessly many intensities tell: the channel itself."""
     light = SEEN * theory.transmission(LOSS_DB_PER_KM * length_km)
-    found = DARK + light - DARK * light
-    return found, (DARK / 2 + WRONG * light) / found
+    gain = DARK + light - DARK * light
+    return gain, (DARK / 2 + WRONG * light) / gain
 
 
 def key(length_km: float, single: Single) -> float:

@@ -98,13 +98,13 @@ def chosen(options: CurvesOptions) -> "tuple[list[Sheet], list[PublishedRow]]":
     if options.workers is not None and not 1 <= options.workers <= MAX_WORKERS:
         raise BadGrid(f"--workers {options.workers}: choose 1 to {MAX_WORKERS}")
     names = {sheet.name: sheet for sheet in SHEETS}
-    known = [*names, PUBLISHED]
+    choices = [*names, PUBLISHED]
     for name in options.only:
-        if name not in known:
-            raise BadGrid(f"--only {name}: {remedy(name, known)}")
-    wanted = options.only or known
-    sheets = [names[name] for name in wanted if name in names]
-    return sheets, published.rows() if PUBLISHED in wanted else []
+        if name not in choices:
+            raise BadGrid(f"--only {name}: {remedy(name, choices)}")
+    chosen_names = options.only or choices
+    sheets = [names[name] for name in chosen_names if name in names]
+    return sheets, published.rows() if PUBLISHED in chosen_names else []
 
 
 def measure(
@@ -153,8 +153,10 @@ def compare(
             bar.advance(task, 0 if findings else 1)
     show(console, findings, SIGMAS)
     far = [each for each in findings if not each.agrees(SIGMAS)]
-    known = sum(each.published is not None and bool(each.published.differs) for each in findings)
-    counts = f"{len(far)} too far from ours, {known} known to differ"
+    explained = sum(
+        each.published is not None and bool(each.published.differs) for each in findings
+    )
+    counts = f"{len(far)} too far from ours, {explained} known to differ"
     console.print(f"{len(rows)} published figures, {counts}", soft_wrap=True)
     return [finding_text(each) for each in far]
 
@@ -168,7 +170,7 @@ def finding_text(finding: Finding) -> str:
 
 def furthest(sheet: "Sheet", rows: Sequence[Row]) -> list[Finding]:
     """Return of each figure the point that is furthest from theory, of those that were counted."""
-    experiment, found = sheet.grid.experiment, list[Finding]()
+    experiment, findings = sheet.grid.experiment, list[Finding]()
     for curve in sheet.curves:
         measure, compared = experiment.measure(curve.measure), list[Finding]()
         for values, outcome in rows:
@@ -176,5 +178,7 @@ def furthest(sheet: "Sheet", rows: Sequence[Row]) -> list[Finding]:
             if theory is not None and ours.error > 0 and not math.isnan(ours.value):
                 there = Published(theory, 0.0, experiment.place(values))
                 compared.append(Finding("", curve.title, ours, there))
-        found += [max(compared, key=lambda each: abs(each.difference or 0.0))] if compared else []
-    return found
+        findings += (
+            [max(compared, key=lambda each: abs(each.difference or 0.0))] if compared else []
+        )
+    return findings

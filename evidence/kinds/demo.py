@@ -49,13 +49,13 @@ def call(arguments: argparse.Namespace) -> int:
 
 
 def options_of(arguments: argparse.Namespace) -> sweep.SweepOptions:
-    own = read(DemoOptions, arguments)
+    options = read(DemoOptions, arguments)
     return sweep.SweepOptions(
         what=DEMOS[arguments.name].experiment.name,
         axes=DEMOS[arguments.name].axes,
         emulate=True,
-        seed=own.seed,
-        out=own.out / arguments.name,
-        live=own.live,
-        live_for_all=own.live_for_all,
+        seed=options.seed,
+        out=options.out / arguments.name,
+        live=options.live,
+        live_for_all=options.live_for_all,
     )

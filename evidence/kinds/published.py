@@ -147,8 +147,8 @@ def begun(name: str, options: LabOptions) -> Path | None:
 def runs_missing(lab: Lab, folder: Path | None, seed: int) -> int:
     if folder is None:
         return len(lab.runs)
-    with runs_done.opened(folder, lab, seed) as known:
-        return len(known.missing)
+    with runs_done.opened(folder, lab, seed) as runs:
+        return len(runs.missing)
 
 
 def lab_done(
@@ -198,13 +198,13 @@ def all_runs(
     """Do the runs of a lab that its folder does not have; return all."""
     begins, ended = tell
     runs: dict[str, Run] = {}
-    with runs_done.opened(folder, lab, seed) as known:
+    with runs_done.opened(folder, lab, seed) as done:
         for run, words in lab.runs.items():
-            before = known.get(run)
+            before = done.get(run)
             if before is None:
                 begins(f"{name}: {run}")
                 before = carry_out(run, words, seed, folder, check)
-                known.add(run, before)
+                done.add(run, before)
                 ended()
             runs[run] = before
     return runs

@@ -171,9 +171,9 @@ def is_over_networks(what: str, emulate: bool, axes: Collection[str]) -> bool:
 
 
 def _axes_of(arguments: argparse.Namespace) -> dict[str, str]:
-    given = {name: getattr(arguments, f"axis_{name}") for name in _axes()}
-    known = {name: text for name, text in given.items() if text is not None}
-    return {**known, **arguments.further}
+    axes = {name: getattr(arguments, f"axis_{name}") for name in _axes()}
+    chosen = {name: text for name, text in axes.items() if text is not None}
+    return {**chosen, **arguments.further}
 
 
 def options_of(arguments: argparse.Namespace) -> SweepOptions:
@@ -201,27 +201,27 @@ def run(options: SweepOptions) -> int:
 def grid_of(options: SweepOptions) -> tuple[Grid, int]:
     """Return grid and seed; raise BadGrid before anything is started."""
     content = content_of(options.what)
-    given = {**content.get("grid", {}), **options.axes}
+    axes = {**content.get("grid", {}), **options.axes}
     seed = content.get("seed", 1) if options.seed is None else options.seed
     if isinstance(seed, bool) or not isinstance(seed, int):
         raise BadGrid(f"seed {seed!r} is not a whole number")
     if options.workers is not None and not 1 <= options.workers <= MAX_WORKERS:
         raise BadGrid(f"--workers {options.workers}: choose 1 to {MAX_WORKERS}")
-    networks = is_over_networks(content["sweep"], options.emulate, given)
+    networks = is_over_networks(content["sweep"], options.emulate, axes)
     if options.shown and not (networks and not options.scheduler):
         raise BadGrid("--live: networks to look at start here with --emulate, without --scheduler")
     if networks and content["sweep"] in WHAT:
-        return job_sweep.grid_of(content["sweep"], given), seed
-    return grids.build(experiment_of(content["sweep"], options.emulate), given), seed
+        return job_sweep.grid_of(content["sweep"], axes), seed
+    return grids.build(experiment_of(content["sweep"], options.emulate), axes), seed
 
 
 def experiment_of(name: str, emulate: bool) -> Experiment:
-    known = EMULATED if emulate else EXPERIMENTS
-    if name not in known:
+    experiments = EMULATED if emulate else EXPERIMENTS
+    if name not in experiments:
         where = " with --emulate" if emulate else ""
-        names = dict.fromkeys([*known, *WHAT, "or a .toml file"])
+        names = dict.fromkeys([*experiments, *WHAT, "or a .toml file"])
         raise BadGrid(f"unknown sweep {name!r}{where}: {remedy(name, names)}")
-    return known[name]
+    return experiments[name]
 
 
 def sweep(grid: Grid, seed: int, options: SweepOptions, signals: Signals, console: Console) -> int:

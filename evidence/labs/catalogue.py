@@ -23,14 +23,14 @@ def lab(name: str, folder: Path = LABS) -> Lab:
     if "/" in name:
         place = Path(name).resolve()
         folder, name = place.parent, place.name
-    known = _known(folder) if folder.is_dir() else {}
-    if name not in known:
-        text = remedy(name, list(known))
+    labs = _known(folder) if folder.is_dir() else {}
+    if name not in labs:
+        text = remedy(name, list(labs))
         if folder != LABS:
             text = f"{_file(folder, name)} is to say LAB = Lab(…)"
         raise BadInput(f"there is no lab {name}: {text}")
-    found = known[name]
-    return found if isinstance(found, Lab) else _loaded(found)
+    entry = labs[name]
+    return entry if isinstance(entry, Lab) else _loaded(entry)
 
 
 def _known(folder: Path) -> Mapping[str, Lab | Path]:
@@ -59,5 +59,5 @@ def _loaded(file: Path) -> Lab:
     assert spec.loader is not None
     module = module_from_spec(spec)
     spec.loader.exec_module(module)
-    found: Lab = module.LAB
-    return found
+    entry: Lab = module.LAB
+    return entry

@@ -22,26 +22,26 @@ def rows() -> list[PublishedRow]:
 
 def points(of: Iterable[PublishedRow]) -> dict[str, list[Values]]:
     """Return what is to be measured, by experiment; raise BadGrid for what cannot be."""
-    found: dict[str, dict[Place, Values]] = {}
+    by_name: dict[str, dict[Place, Values]] = {}
     for row in of:
         for name, values in _points(row):
-            found.setdefault(name, {})[_place(name, values)] = values
-    return {name: list(places.values()) for name, places in found.items()}
+            by_name.setdefault(name, {})[_place(name, values)] = values
+    return {name: list(places.values()) for name, places in by_name.items()}
 
 
 def measured(of: Sequence[PublishedRow], seed: int, measurer: Measurer) -> Iterator[list[Finding]]:
     """Measure point by point; yield nothing new behind each, and all findings in the end."""
     outcomes: dict[Place, Outcome] = {}
-    for name, wanted in points(of).items():
-        for values, outcome in measurer(Grid(EXPERIMENTS[name], {}), wanted, seed):
+    for name, values_of_points in points(of).items():
+        for values, outcome in measurer(Grid(EXPERIMENTS[name], {}), values_of_points, seed):
             outcomes[_place(name, values)] = outcome
             yield []
     yield [row.finding([outcomes[_place(*point)] for point in _points(row)]) for row in of]
 
 
 def _points(row: PublishedRow) -> Iterator[tuple[str, Values]]:
-    for name, given in row.points:
-        yield name, next(build(EXPERIMENTS[name], given).points())
+    for name, axes in row.points:
+        yield name, next(build(EXPERIMENTS[name], axes).points())
 
 
 def _place(name: str, values: Values) -> Place:

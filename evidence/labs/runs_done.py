@@ -55,12 +55,12 @@ def opened(folder: Path, lab: Lab, seed: int) -> Iterator[RunsDone]:
 
 def newest(out: Path, name: str, seed: int) -> Path | None:
     mine = re.compile(rf"(\d{{8}}T\d{{6}})-{re.escape(name)}(?:-(\d+))?")
-    known = {}
+    by_date = {}
     for path in out.resolve().iterdir() if out.exists() else ():
         match = mine.fullmatch(path.name)
         if match and (path / TABLE).exists() and seeds(path / TABLE) <= {str(seed)}:
-            known[match[1], int(match[2] or 0)] = path
-    return known[max(known)] if known else None
+            by_date[match[1], int(match[2] or 0)] = path
+    return by_date[max(by_date)] if by_date else None
 
 
 def seeds(table: Path) -> set[str]:

@@ -60,8 +60,8 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
         alone = heard.log.read_text().splitlines()[1:]
         count = int(values[BLOCKS.name]) * BLOCK_STATES
         wanted = {"count": count, "block_pairs": BLOCK_STATES}
-        with session(network, "teleport", ("alice", "bob"), **wanted) as asked:
-            reports = asked.results()
+        with session(network, "teleport", ("alice", "bob"), **wanted) as running:
+            reports = running.results()
     return outcome(reports, alone, frame_s, number(values, T2.name))
 
 

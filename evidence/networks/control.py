@@ -88,8 +88,8 @@ class Round:
 
 def _round(network: QuantumNetwork) -> Round:
     """Store pairs until the next link is ready, and measure them then."""
-    wanted: dict[str, Any] = {"sample": 0.0, "count": PAIRS, "source": "alice"}
-    with session(network, "distribute", ("alice", "bob"), **wanted) as first:
+    options: dict[str, Any] = {"sample": 0.0, "count": PAIRS, "source": "alice"}
+    with session(network, "distribute", ("alice", "bob"), **options) as first:
         first.results()
         asked_ns = network.runtime.time.now_ns()
         following: dict[str, Any] = {"sample": 0.0, "count": 1, "source": "bob"}
@@ -116,14 +116,14 @@ def outcome(rounds: Sequence[Round], t2_s: float, folder: Path) -> Outcome:
     }
     setups_s = [(ready_ns[each.link] - each.asked_ns) / 1e9 for each in rounds]
     waits = waits_of((folder / "quantum.log").read_text().splitlines())
-    kept = [kept_of(waits[each.pairs], t2_s) for each in rounds]
+    coherences = [kept_of(waits[each.pairs], t2_s) for each in rounds]
     size = PAIRS // len(AGREE) * len(rounds)
     right = [proportion(sum(each.right[basis] for each in rounds), size) for basis in AGREE]
     value = (1 + sum(2 * each.value - 1 for each in right)) / 4
     fidelity = Estimate(value, math.hypot(*(each.error for each in right)) / 2)
     return {
         "setup_s": mean_of_series(setups_s),
-        WAITED.name: Estimate(-t2_s * math.log(sum(kept) / len(kept)), 0.0),
+        WAITED.name: Estimate(-t2_s * math.log(sum(coherences) / len(coherences)), 0.0),
         "fidelity": fidelity,
         "kept": fidelity,
     }
@@ -136,7 +136,7 @@ def waits_of(lines: Iterable[str]) -> dict[str, list[list[float]]]:
     it that is recalled goes on until then.
     """
     passed: defaultdict[tuple[str, str], float] = defaultdict(float)
-    found: defaultdict[tuple[str, str], list[float]] = defaultdict(list)
+    by_node: defaultdict[tuple[str, str], list[float]] = defaultdict(list)
     for line in lines:
         words = line.split()
         if len(words) < 4 or words[2] not in ("wait", "recall"):
@@ -146,9 +146,9 @@ def waits_of(lines: Iterable[str]) -> dict[str, list[list[float]]]:
         if words[2] == "wait":
             passed[key] += sum(times) / len(times)
         else:
-            found[key].append(passed[key] + sum(times) / len(times))
+            by_node[key].append(passed[key] + sum(times) / len(times))
     sessions: defaultdict[str, list[list[float]]] = defaultdict(list)
-    for (session_, _node), waits in found.items():
+    for (session_, _node), waits in by_node.items():
         sessions[session_].append(waits)
     return dict(sessions)
 

@@ -52,11 +52,11 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
     with network_for(FLAPPING, values, runs, "ring", **options) as network:
         with flapping(network, number(values, PERIOD.name)):
             for _ in range(int(values[SESSIONS.name])):
-                with session(network, "distribute", ENDS, **wanted) as asked:
-                    asked.results()
-                    emitted += asked.summary["emitted"]
-                    shared += asked.summary["shared"]
-                    times_s.append(asked.summary["elapsed_s"])
+                with session(network, "distribute", ENDS, **wanted) as running:
+                    running.results()
+                    emitted += running.summary["emitted"]
+                    shared += running.summary["shared"]
+                    times_s.append(running.summary["elapsed_s"])
         folder, fibers = network.runtime.logs, list(network.runtime.fibers)
     events = [event for event in recorded(folder / EVENT_CAPTURE, follow=False) if not event.photon]
     lost = proportion(emitted - shared, emitted)

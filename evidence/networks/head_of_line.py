@@ -55,12 +55,12 @@ class OneFiber(FabricTopo):
 
 def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome:
     sides = [[f"{side}{place}" for place in range(1, HOSTS + 1)] for side in "ab"]
-    wanted = Wanted(Service.DISTRIBUTE, {"count": PAIRS, "sample": 0.0}, own_source=True)
+    sessions = Wanted(Service.DISTRIBUTE, {"count": PAIRS, "sample": 0.0}, own_source=True)
     options = {"seed": seed, "contention": "queue"}
     with network_for(HEAD_OF_LINE, values, runs, OneFiber, **options) as network:
         stacks = {host: network.runtime.socket(host) for host in network.runtime.devices}
         groups = sides[0], sides[1]
-        driver = Driver(planned(values, seed), wanted, stacks, groups, seed, network.runtime.time)
+        driver = Driver(planned(values, seed), sessions, stacks, groups, seed, network.runtime.time)
         run(driver.run(network.check), network.runtime.time)
         folder = network.runtime.logs
     others = [each.reason for each in driver.outcomes if each.outcome != ACCEPTED]
@@ -76,12 +76,12 @@ def planned(values: Values, seed: int) -> list[Planned]:
     random, now = Random(seed), 0.0  # noqa: S311
     share, times = number(values, SHARE.name), [number(values, e.name) for e in (SHORT, LONG)]
     mean_s = (1 - share) * times[0] + share * times[1]
-    found = []
+    sessions = []
     for _ in range(int(values[SESSIONS.name])):
         now += random.expovariate(number(values, LOAD.name) / mean_s)
         is_long = random.random() < share
-        found.append(Planned(now, "", "", times[is_long], priority=int(is_long)))
-    return found
+        sessions.append(Planned(now, "", "", times[is_long], priority=int(is_long)))
+    return sessions
 
 
 def lights(record: Iterable[dict[str, Any]]) -> dict[str, Light]:
@@ -97,11 +97,11 @@ def lights(record: Iterable[dict[str, Any]]) -> dict[str, Light]:
     }
 
 
-def outcome(found: dict[str, Light], short: Sequence[str]) -> Outcome:
-    in_order = sorted(found, key=lambda name: found[name][0])
-    waits = {name: ready - came for name, (came, ready, _ended) in found.items()}
-    held = [ended - ready for _came, ready, ended in found.values()]
-    came = [found[name][0] for name in in_order]
+def outcome(light: dict[str, Light], short: Sequence[str]) -> Outcome:
+    in_order = sorted(light, key=lambda name: light[name][0])
+    waits = {name: ready - came for name, (came, ready, _ended) in light.items()}
+    held = [ended - ready for _came, ready, ended in light.values()]
+    came = [light[name][0] for name in in_order]
     waited = mean_of_series([waits[name] for name in in_order])
     return {
         "short_wait": mean_of_series([waits[name] for name in in_order if name in set(short)]),

@@ -62,11 +62,11 @@ class JobSweep(Experiment):
         if self.name in run_sweep.WHAT:
             yield from ([values] for values in points)
             return
-        found: dict[tuple[Value, ...], list[Values]] = {}
+        by_fixed: dict[tuple[Value, ...], list[Values]] = {}
         for values in points:
             fixed = tuple(value for name, value in values.items() if is_at_start(name))
-            found.setdefault(fixed, []).append(values)
-        for group in found.values():
+            by_fixed.setdefault(fixed, []).append(values)
+        for group in by_fixed.values():
             for begin in range(0, len(group), MOST_POINTS):
                 yield group[begin : begin + MOST_POINTS]
 
@@ -76,24 +76,24 @@ def is_at_start(name: str) -> bool:
     return "." in name or FLAGS.get(name, name) in AT_START
 
 
-def grid_of(job: str, given: Mapping[str, object]) -> Grid:
+def grid_of(job: str, chosen: Mapping[str, object]) -> Grid:
     """Return the grid of a job's axes; raise BadGrid for what cannot be, before any start."""
-    given = dict(given)
-    if isinstance(named := given.pop("topology", None), str):
-        given = {**_shape(named), **given}
-    names = sorted(given, key=is_at_start, reverse=True)  # points of a network are neighbours
+    chosen = dict(chosen)
+    if isinstance(named := chosen.pop("topology", None), str):
+        chosen = {**_shape(named), **chosen}
+    names = sorted(chosen, key=is_at_start, reverse=True)  # points of a network are neighbours
     parameters = {name: parameter_of(job, name) for name in names}
     for name in SEVERAL & parameters.keys():
-        parameters[name] = Parameter(name, "", choices=tuple(str(given[name]).split(",")))
+        parameters[name] = Parameter(name, "", choices=tuple(str(chosen[name]).split(",")))
     axes: dict[str, list[Value]] = {
-        name: [str(given[name])] if each.text else each.axis(given[name])
+        name: [str(chosen[name])] if each.text else each.axis(chosen[name])
         for name, each in parameters.items()
     }
-    own = job in run_sweep.WHAT
-    measures = run_sweep.measures(job, axes) if own else measures_of(job)
+    is_job = job in run_sweep.WHAT
+    measures = run_sweep.measures(job, axes) if is_job else measures_of(job)
     what = f"{job}: {WHAT[job]}"
     grid = Grid(JobSweep(job, what, tuple(parameters.values()), measures), axes)
-    if own:
+    if is_job:
         return grid
     first = {name: values[0] for name, values in axes.items()}
     for name, values in axes.items():
@@ -128,11 +128,11 @@ def parameter_of(job: str, name: str) -> Parameter:
         return _parameter_of_part(name)
     if name == "topology" or (job, name) == (run_sweep.NETQASM, run_sweep.APPLICATION):
         return Parameter(name, "", text=TEXT)
-    known = _options(job)
-    option = known.get(FLAGS.get(name, name))
+    options = _options(job)
+    option = options.get(FLAGS.get(name, name))
     if option is None:
         listed = (f"those of `qmn run {job} --help`",)
-        raise BadGrid(f"{job} has no option {name}: {remedy(name, known, listed)}")
+        raise BadGrid(f"{job} has no option {name}: {remedy(name, options, listed)}")
     words, kind = declared(option), kind_of(option.type)
     if kind is bool:
         return Parameter(name, "off", choices=tuple(SWITCHES))
@@ -159,10 +159,10 @@ def _options(job: str) -> dict[str, "Field[Any]"]:
         services = VERBS[job].protocols or (job,)
         of_job = [ServiceRequest, named()[services[0]].options]
     kinds = (*of_job, NetworkOptions)
-    found: dict[str, Field[Any]] = {each.name: each for kind in kinds for each in fields(kind)}
-    own = {name: each for name, each in found.items() if "help" in declared(each)}
-    del own["seed"]  # of the sweep
-    return own | {"receiver": found["host"]}
+    by_name: dict[str, Field[Any]] = {each.name: each for kind in kinds for each in fields(kind)}
+    with_help = {name: each for name, each in by_name.items() if "help" in declared(each)}
+    del with_help["seed"]  # of the sweep
+    return with_help | {"receiver": by_name["host"]}
 
 
 @dataclass(frozen=True)
@@ -191,9 +191,9 @@ def _parameter_of_part(axis: str) -> Parameter:
     """Return the setting of an axis as a parameter; raise BadGrid for one there is not."""
     setting = setting_of(axis)
     if setting.option != "device":
-        known = FIBER if setting.option == "fiber" else SWITCH
-        check_names(axis, [setting.name], known, BadGrid)
-        return _of_default(axis, known[setting.name])
+        settings = FIBER if setting.option == "fiber" else SWITCH
+        check_names(axis, [setting.name], settings, BadGrid)
+        return _of_default(axis, settings[setting.name])
     part, _dot, name = setting.name.partition(".")
     parts: dict[str, Any] = {each.name: each.default for each in fields(Device)}
     check_names(f"{axis}: a device", [part], parts, BadGrid)

@@ -89,8 +89,8 @@ def setup(result: RunResult, _asking: Figures, _asked: Figures) -> Estimate:
     return exactly(None if result.path_setup_ms.p50 is None else result.path_setup_ms.p50 / 1e3)
 
 
-def waiting(_result: RunResult, asking: Figures, asked: Figures) -> Estimate:
-    waits = [*_waits_ms(asking), *_waits_ms(asked)]
+def waiting(_result: RunResult, asking: Figures, acceptor: Figures) -> Estimate:
+    waits = [*_waits_ms(asking), *_waits_ms(acceptor)]
     return exactly(sum(waits) / 1e3) if waits else NOTHING
 
 
@@ -104,9 +104,9 @@ def _waits_ms(figures: Figures) -> Iterator[float]:
     yield from (2 * each for each in has.get("repeaters_waited_ms") or ())
 
 
-def memory_use(result: RunResult, asking: Figures, asked: Figures) -> Estimate:
+def memory_use(result: RunResult, asking: Figures, acceptor: Figures) -> Estimate:
     """Return the mean number of qubits in memories, by Little's law: their rate by their wait."""
-    rate, wait = throughput(result, asking, asked), waiting(result, asking, asked)
+    rate, wait = throughput(result, asking, acceptor), waiting(result, asking, acceptor)
     return NOTHING if math.isnan(rate.value + wait.value) else exactly(rate.value * wait.value)
 
 
@@ -157,9 +157,9 @@ def pair_fidelity(job: str, values: Values) -> float | None:
     if not values.keys() <= OF_PAIRS | FREE or math.isnan(_number(values, "waiting_s", math.nan)):
         return None
     links = int(_number(values, "switches", SWITCHES)) + 1 if job == "swap" else 1
-    kept = (1 - _number(values, "depolarizing", 0.0)) ** (FIBERS[job] * links)
+    intact = (1 - _number(values, "depolarizing", 0.0)) ** (FIBERS[job] * links)
     lasting = math.exp(-_number(values, "waiting_s", 0.0) / _number(values, "node.memory.t2_s"))
-    return (1 + kept * (1 + 2 * lasting)) / 4
+    return (1 + intact * (1 + 2 * lasting)) / 4
 
 
 def teleported(_job: str, values: Values) -> float | None:
@@ -213,5 +213,5 @@ def measures_of(job: str) -> tuple[Measure, ...]:
 def _measure(job: str, metric: Metric) -> Measure:
     if (job, metric.name) not in THEORY:
         return Measure(metric.name, metric.label)
-    function, given = THEORY[job, metric.name]
-    return Measure(metric.name, metric.label, lambda values: function(job, values), given=given)
+    function, needs = THEORY[job, metric.name]
+    return Measure(metric.name, metric.label, lambda values: function(job, values), given=needs)

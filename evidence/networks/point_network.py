@@ -53,9 +53,9 @@ def session(
     options["limit_s"] = STALL_TIMEOUT_S
     with blocking_session(
         network.runtime.socket, service, ends, port, network.runtime.time, **options
-    ) as asked:
-        yield asked
-        asked.end()
+    ) as running:
+        yield running
+        running.end()
 
 
 def delay(seconds: float) -> str:

@@ -45,8 +45,8 @@ Axes = Mapping[str, Sequence[Value]]
 
 def options(job: str) -> dict[str, "Field[Any]"]:
     """Return the options of a job by the words of its flags."""
-    found = {FLAGS.get(name, name): each for name, each in _flags(KEPT[job].kind)}
-    return {name: each for name, each in found.items() if name not in LEFT_OUT}
+    by_flag = {FLAGS.get(name, name): each for name, each in _flags(KEPT[job].kind)}
+    return {name: each for name, each in by_flag.items() if name not in LEFT_OUT}
 
 
 def _flags(kind: Any) -> Iterator[tuple[str, "Field[Any]"]]:
@@ -64,14 +64,14 @@ def roles(axes: Axes) -> list[str]:
     if APPLICATION not in axes:
         raise BadGrid(f"{NETQASM}: say which application: --{APPLICATION} FOLDER")
     try:
-        found = [
+        names = [
             role
             for path, ranks in product(axes[APPLICATION], axes.get("ranks", [None]))
             for role in roles_of(Path(str(path)), None if ranks is None else int(ranks))
         ]
     except BadInput as error:
         raise BadGrid(str(error)) from error
-    return [*dict.fromkeys(found)]
+    return [*dict.fromkeys(names)]
 
 
 def measures(job: str, axes: Axes) -> tuple[Measure, ...]:
@@ -82,8 +82,8 @@ def measures(job: str, axes: Axes) -> tuple[Measure, ...]:
         names = [each.name for each in fields(FIGURES[job])]  # type: ignore[arg-type]
         of_job = [Measure(name, name.replace("_", " ")) for name in names]
     latency = Measure("latency_s", "latency of the whole job (s)")
-    found = (*of_job, latency, Measure("pairs_made", "pairs made by sources"))
-    return tuple(each for each in found if each.name not in axes)
+    offered = (*of_job, latency, Measure("pairs_made", "pairs made by sources"))
+    return tuple(each for each in offered if each.name not in axes)
 
 
 def measure(job: str, content: Mapping[str, Any], names: Sequence[str], runs: Path) -> Outcome:
@@ -100,8 +100,8 @@ def measure(job: str, content: Mapping[str, Any], names: Sequence[str], runs: Pa
 def _found(result: RunResult, name: str) -> Estimate:
     if isinstance(result.job, NetqasmJob) and name in result.job.roles:
         return of_rounds(result.job.outputs, name)
-    own = {"latency_s": result.elapsed_s, "pairs_made": result.pairs_made}
-    value = own[name] if name in own else vars(result.asking).get(name)
+    of_run = {"latency_s": result.elapsed_s, "pairs_made": result.pairs_made}
+    value = of_run[name] if name in of_run else vars(result.asking).get(name)
     return NOTHING if value is None else Estimate(float(value), 0.0)
 
 

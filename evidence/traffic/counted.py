@@ -103,8 +103,8 @@ class CountedTime:
 
     def run(self, requests: Sequence[Asked]) -> list[Fate]:
         """Let all of them happen; return what becomes of each, in the order that they come up."""
-        for asked in requests:
-            self._ask(asked)
+        for request in requests:
+            self._ask(request)
         self._at(SESSION_TICK_S, self._tick)
         while self._events:
             now, _order, happens = heappop(self._events)
@@ -143,9 +143,9 @@ class CountedTime:
 
     def _over(self, number: int) -> Event:
         def happens(now: float) -> Iterable[Action]:
-            asked = self._then(self._fates[number], now)
-            if asked is not None:
-                self._ask(asked)
+            request = self._then(self._fates[number], now)
+            if request is not None:
+                self._ask(request)
             return ()
 
         return happens
@@ -166,8 +166,8 @@ class CountedTime:
         return self._saying(number, FIRST_SEQUENCE, PUSH, setup.encode())
 
     def _saying(self, number: int, sequence: int, flags: int, data: bytes = b"") -> Event:
-        asked = self._fates[number].asked
-        ends, port = (asked.opener, asked.acceptor), 1_024 + number % 60_000
+        request = self._fates[number].asked
+        ends, port = (request.opener, request.acceptor), 1_024 + number % 60_000
         frame = segment(ends, port, sequence, flags, data)
         return lambda now: self._arbiter.segment_arrived(S1, 1, frame, now)
 

@@ -81,14 +81,14 @@ class Driver:
         """Return who takes part: as planned, or hosts that are idle now; None if too few are."""
         if planned.opener:
             return planned.opener, planned.acceptor, *planned.others
-        found: list[str] = []
+        ends: list[str] = []
         openers, acceptors = self._groups
         for group in (openers, *(self._wanted.hosts - 1) * [acceptors]):
-            idle = [host for host in group if host not in self._busy and host not in found]
+            idle = [host for host in group if host not in self._busy and host not in ends]
             if not idle:
                 return None
-            found.append(self._random.choice(idle))
-        return found
+            ends.append(self._random.choice(idle))
+        return ends
 
 
 async def _checking(check: Callable[[], None]) -> None:

@@ -159,36 +159,44 @@ def hosts_of_session(request: LoadRequest) -> int:
 
 def chosen(option_name: str, named: str, network: NetworkDescription) -> list[str]:
     """Return the hosts that are named with commas; raise BadInput for one there is not."""
-    found = [network.node(name) for name in named.split(",") if name]
-    for name in found:
+    hosts = [network.node(name) for name in named.split(",") if name]
+    for name in hosts:
         if name not in network.hosts:
             raise BadInput(f"{option_name} {name}: {remedy(name, network.hosts)}")
-    return found
+    return hosts
 
 
 def wanted_of(request: LoadRequest, hosts: Sequence[str]) -> Wanted:
     """Return what each session asks for; raise BadInput for what its service does not take."""
-    own = request.source == OWN
+    opener_makes = request.source == OWN
     if request.source and request.service == "swap":
         raise BadInput("--source: in swap both ends make pairs: leave it out")
-    if request.source and not own and request.source not in hosts:
+    if request.source and not opener_makes and request.source not in hosts:
         raise BadInput(f"--source {request.source}: {remedy(request.source, [OWN, *hosts])}")
-    options: dict[str, Any] = {} if own or not request.source else {"source": request.source}
+    options: dict[str, Any] = (
+        {} if opener_makes or not request.source else {"source": request.source}
+    )
     data = bytes(n % 256 for n in range(request.count)) if request.service in BYTES else b""
     if not data:
         options |= {"count": request.count}
     measures = request.service in MEASURED
     if measures:
         options["sample"] = 0.0
-    asked, service = {"host": hosts[1], "port": 1, **options}, Service[request.service.upper()]
+    fields_, service = {"host": hosts[1], "port": 1, **options}, Service[request.service.upper()]
     if service in LINES:
-        asked["line"] = ",".join(hosts[: hosts_of_session(request)])
+        fields_["line"] = ",".join(hosts[: hosts_of_session(request)])
     try:
-        named()[request.service].options.from_fields(asked)
+        named()[request.service].options.from_fields(fields_)
     except SessionError as error:
         raise BadInput(f"--service {request.service}: {error}") from error
     return Wanted(
-        service, options, data, own, measures, hosts_of_session(request), RETURNS.get(service)
+        service,
+        options,
+        data,
+        opener_makes,
+        measures,
+        hosts_of_session(request),
+        RETURNS.get(service),
     )
 
 

@@ -71,17 +71,17 @@ def on_off(traffic: Traffic, random: Random) -> Iterator[Planned]:
     share = traffic.on_s / (traffic.on_s + traffic.off_s)
     rate = traffic.rate_per_s / len(traffic.openers) / share
 
-    def bursts(opener: str, own: Random) -> Iterator[tuple[float, str]]:
+    def bursts(opener: str, generator: Random) -> Iterator[tuple[float, str]]:
         now = 0.0
         while True:
-            now += own.expovariate(1 / traffic.off_s)
-            end = now + own.expovariate(1 / traffic.on_s)
-            while (now := now + own.expovariate(rate)) < end:
+            now += generator.expovariate(1 / traffic.off_s)
+            end = now + generator.expovariate(1 / traffic.on_s)
+            while (now := now + generator.expovariate(rate)) < end:
                 yield now, opener
             now = end
 
-    asked = merge(*(bursts(opener, Random(random.random())) for opener in traffic.openers))  # noqa: S311
-    for at_s, opener in asked:
+    requests = merge(*(bursts(opener, Random(random.random())) for opener in traffic.openers))  # noqa: S311
+    for at_s, opener in requests:
         yield planned(traffic, random, at_s, with_others(traffic, random, opener))
 
 
@@ -111,8 +111,8 @@ def trace(traffic: Traffic, random: Random) -> Iterator[Planned]:
         priority = number(traffic, row, "priority", session.priority)
         if priority not in range(MOST_PRIORITY + 1):
             raise BadTraffic(f"{traffic.file}: priority {priority:g}: choose 0 to {MOST_PRIORITY}")
-        given = replace(session, holding_s=holding_s, deadline_s=deadline)
-        yield replace(given, priority=int(priority))
+        timed = replace(session, holding_s=holding_s, deadline_s=deadline)
+        yield replace(timed, priority=int(priority))
 
 
 MODELS: dict[str, Callable[[Traffic, Random], Iterator[Planned]]] = {
@@ -125,13 +125,13 @@ MODELS: dict[str, Callable[[Traffic, Random], Iterator[Planned]]] = {
 
 def plan(model: str, traffic: Traffic, seed: int, sessions: int) -> list[Planned]:
     """Return `count` sessions, or those of a trace; raise BadTraffic for none."""
-    found = list(islice(MODELS[model](traffic, Random(seed)), sessions))  # noqa: S311
-    if not found:
+    schedule = list(islice(MODELS[model](traffic, Random(seed)), sessions))  # noqa: S311
+    if not schedule:
         raise BadTraffic(f"{traffic.file} names no sessions")
-    for each in found:
+    for each in schedule:
         if each.opener and each.opener == each.acceptor:
             raise BadTraffic(f"{traffic.file}: {each.opener} asks itself; name two hosts")
-    return found
+    return schedule
 
 
 def planned(traffic: Traffic, random: Random, at_s: float, hosts: Sequence[str]) -> Planned:
@@ -169,7 +169,7 @@ def hosts_of(traffic: Traffic, random: Random, row: dict[str, str]) -> list[str]
     return named
 
 
-def rows_of(traffic: Traffic, needed: set[str], known: set[str]) -> list[dict[str, str]]:
+def rows_of(traffic: Traffic, needed: set[str], possible: set[str]) -> list[dict[str, str]]:
     """Return the rows of the CSV file; raise BadTraffic for columns or hosts there are not."""
     if traffic.file is None:
         raise BadTraffic(f"name a file with the columns {', '.join(sorted(needed))}")
@@ -179,8 +179,8 @@ def rows_of(traffic: Traffic, needed: set[str], known: set[str]) -> list[dict[st
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise BadTraffic(f"cannot read {traffic.file}: {error}") from error
     columns = set(rows[0]) if rows else needed
-    if not needed <= columns <= known:
-        more = ", ".join(sorted(known - needed)) or "no more"
+    if not needed <= columns <= possible:
+        more = ", ".join(sorted(possible - needed)) or "no more"
         raise BadTraffic(
             f"{traffic.file} has the columns {', '.join(map(str, rows[0]))}: it needs "
             f"{', '.join(sorted(needed))}, and may have {more}"

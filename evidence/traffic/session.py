@@ -91,8 +91,8 @@ class SessionRun:
     async def _itself(self) -> None:
         outcome = self._outcome
         hosts = outcome.opener, outcome.acceptor, *outcome.others
-        async with self._session(self._wanted.service, hosts) as asked:
-            await self._use(asked)
+        async with self._session(self._wanted.service, hosts) as running:
+            await self._use(running)
 
     def _session(
         self, service: Service, hosts: Sequence[str]
@@ -122,9 +122,9 @@ class SessionRun:
                 raise _TooLateError from None
             raise
 
-    async def _use(self, asked: Session) -> None:
+    async def _use(self, running: Session) -> None:
         outcome, wanted = self._outcome, self._wanted
-        opener, results = asked.opener, asked.opener.results()
+        opener, results = running.opener, running.opener.results()
         await self._by_deadline(anext(results, None))
         outcome.setup_s = self._since()
         async for _result in results:
@@ -134,10 +134,10 @@ class SessionRun:
             there_s = now_s()
             await asyncio.sleep(outcome.planned.holding_s)
             if wanted.measures:
-                await asked.heard()
+                await running.heard()
                 outcome.age_s = now_s() - there_s
-                await _measure(outcome, asked, int(opener.summary["pairs"]))
-        await asked.end()
+                await _measure(outcome, running, int(opener.summary["pairs"]))
+        await running.end()
         outcome.summary = opener.summary
 
     def _since(self) -> float:

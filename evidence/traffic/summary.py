@@ -84,11 +84,11 @@ def reasons(outcomes: Iterable[Outcome], kind: str) -> dict[str, int]:
 def shares(values: Sequence[float]) -> Shares:
     """Return the values that a half, 90 % and 99 % do not exceed, and how many there are."""
     in_order = sorted(values)
-    found = {
+    counts = {
         name: in_order[min(int(share * len(in_order)), len(in_order) - 1)] if in_order else None
         for name, share in SHARES.items()
     }
-    return Shares(**found, n=len(in_order))
+    return Shares(**counts, n=len(in_order))
 
 
 def light_times(record: Sequence[dict[str, Any]], scale: float) -> dict[str, Any]:
@@ -115,7 +115,7 @@ def waits(
 ) -> list[LoadWait]:
     queued: dict[str, int] = {}
     after: dict[str, dict[str, Any]] = {}
-    found = []
+    rows = []
     for line in record:
         event, session = line["event"], line.get("session", "")
         if event == "queued":
@@ -132,8 +132,8 @@ def waits(
                 for since_ns in (began_ns, queued.pop(session, ready_ns))
             )
             last = request["after"]["session"], *holders
-            found.append(LoadWait(session, opener, acceptor, ready_s, waited_s, *last))
-    return sorted(found, key=lambda each: -each.waited_s)
+            rows.append(LoadWait(session, opener, acceptor, ready_s, waited_s, *last))
+    return sorted(rows, key=lambda each: -each.waited_s)
 
 
 def mean(values: Sequence[float]) -> float | None:

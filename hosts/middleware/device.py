@@ -77,9 +77,9 @@ class Estimates:
         self._told: dict[tuple[int, Quantity], Interval] = {}  # of sessions that go on
         self._untold: dict[tuple[int, Quantity], Interval] = {}
 
-    def note(self, session: int, found: Found, over: bool = False) -> None:
+    def note(self, session: int, estimates: Found, over: bool = False) -> None:
         """Take what a session knows now, for the last time if it is over."""
-        for quantity, interval in found.items():
+        for quantity, interval in estimates.items():
             before = self._told.get((session, quantity))
             if before is None or (over and interval != before) or _is_news(before, interval):
                 self._told[session, quantity] = self._untold[session, quantity] = interval
@@ -178,9 +178,9 @@ class Device:
         used = overridden(setup, self.settings)
         if used != setup:
             changes = [
-                f"{name} {asked} to {getattr(used, name)}"
-                for name, asked in vars(setup).items()
-                if asked != getattr(used, name)
+                f"{name} {value} to {getattr(used, name)}"
+                for name, value in vars(setup).items()
+                if value != getattr(used, name)
             ]
             log.info("session %016x, overridden: %s", setup.session, ", ".join(changes))
         self._note(used)

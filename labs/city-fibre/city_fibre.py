@@ -90,7 +90,7 @@ def row(name: str, what: str, times: float, theirs: Published) -> PublishedRow:
 
 def findings(runs: Runs) -> Sequence[Finding]:
     """Return the bounds of F at each brightness, then F and S over length."""
-    found = []
+    rows = []
     for name, rate in RATES.items():
         q, error = wrong(runs[name]), unsure(rate)
         for chart, what, times, theirs in (
@@ -98,15 +98,15 @@ def findings(runs: Runs) -> Sequence[Finding]:
             ("upper", "at most", 1, UPPER.get(name)),
         ):
             words, inputs = f"F {what}, {rate:g} pairs/s", error * times / 2
-            found.append(Finding(chart, words, less(q, times), theirs, rate, inputs=inputs))
-    found.append(Finding("", f"F, {rate:g} pairs/s", less(q, 1.5), BEST, inputs=0.75 * error))
+            rows.append(Finding(chart, words, less(q, times), theirs, rate, inputs=inputs))
+    rows.append(Finding("", f"F, {rate:g} pairs/s", less(q, 1.5), BEST, inputs=0.75 * error))
     for name, km in BERLIN.items():
         report, f = runs[name].job.asking, less(wrong(runs[name]), 1.5)
         s = Estimate(report.chsh, report.chsh_error)
-        found.append(Finding("km", f"F, {name}", f, Published(beside(km), 0, "closed form"), km))
-        found.append(in_range(f"F, {name}", f, 0.85, 0.99, "Berlin, abstract"))
-        found.append(in_range(f"S, {name}", s, 2.36, 2.74, "Berlin, abstract"))
-    return found
+        rows.append(Finding("km", f"F, {name}", f, Published(beside(km), 0, "closed form"), km))
+        rows.append(in_range(f"F, {name}", f, 0.85, 0.99, "Berlin, abstract"))
+        rows.append(in_range(f"S, {name}", s, 2.36, 2.74, "Berlin, abstract"))
+    return rows
 
 
 AXES = "pairs/s behind 34 km", "bound of the fidelity"

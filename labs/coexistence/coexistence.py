@@ -63,17 +63,17 @@ def settings(band: str, dbm: float) -> list[str]:
 
 def findings(runs: Runs) -> Sequence[Finding]:
     """Return F at each power beside the closed form, and how much less it is beside traffic."""
-    found = []
+    rows = []
     for name, run in runs.items():
         band, power = name.split("_")
         report, dbm = run.result.get("found") or vars(run.job.asking), float(power)
         ours = proportion(round(report["fidelity"] * report["arrived"]), report["arrived"])
         closed = Published(fidelity(band, dbm), 0.0, "supplement, S5 to S15")
-        found.append(Finding(band, f"F, {band}, {power} dBm", ours, closed, dbm))
-    dark, lit = found[0].ours, found[-1].ours  # the last run is that beside traffic
+        rows.append(Finding(band, f"F, {band}, {power} dBm", ours, closed, dbm))
+    dark, lit = rows[0].ours, rows[-1].ours  # the last run is that beside traffic
     less = Estimate(dark.value - lit.value, hypot(dark.error, lit.error))
-    kept = Finding("", "F, o-band, less beside traffic", less, Published(0, 0, "abstract"))
-    return [*found, kept, Finding("", "Gbit/s beside it", Estimate(report["gbit_per_s"], 0.0))]
+    difference = Finding("", "F, o-band, less beside traffic", less, Published(0, 0, "abstract"))
+    return [*rows, difference, Finding("", "Gbit/s beside it", Estimate(report["gbit_per_s"], 0.0))]
 
 
 COMMAND = "run teleport --state 0 --block-pairs 262144 --captures none --without report,record"

@@ -46,18 +46,18 @@ def row(figure: dict[str, Any], what: str) -> PublishedRow:
 
 def findings(runs: Runs) -> Sequence[Finding]:
     """Return fidelity and success of one round; readings of the estimate are corrected for."""
-    found = []
+    rows = []
     for figure in FIGURES["figures"]:
         report = runs[figure["name"]].job.asking
-        kept = (2 * figure["readout"] - 1) ** 2  # of each correlation, by two readings
+        contrast = (2 * figure["readout"] - 1) ** 2  # of each correlation, by two readings
         width = report.fidelity_high - report.fidelity_low
-        estimate = 1 / 4 + (report.fidelity - 1 / 4) / kept
-        fidelity = Estimate(estimate, width / 2 / CONFIDENCE_95 / kept)
+        estimate = 1 / 4 + (report.fidelity - 1 / 4) / contrast
+        fidelity = Estimate(estimate, width / 2 / CONFIDENCE_95 / contrast)
         success = proportion(report.survived, report.compared)
         for chart, ours in (("fidelity", fidelity), ("success", success)):
             theirs = published(figure, chart)
-            found.append(Finding(chart, words(figure, chart), ours, theirs, theirs.value))
-    return found
+            rows.append(Finding(chart, words(figure, chart), ours, theirs, theirs.value))
+    return rows
 
 
 LAB = Lab(

@@ -33,9 +33,9 @@ def purified(fidelity: float, gate: float, readout: float) -> dict[str, str | fl
     protocol = BBPSSW_BDS(ends[0], "bbpssw", *hers, is_twirled=True)
     protocol.remote_node_name = "bob"
     success, state = protocol.purification_res()
-    given = {"fidelity": fidelity, "gate": gate, "readout": readout}
+    point = {"fidelity": fidelity, "gate": gate, "readout": readout}
     name = f"F-{fidelity:g}-gate-{gate:g}-readout-{readout:g}"
-    return {"name": name, **given, "purified": float(state[0]), "success": float(success)}
+    return {"name": name, **point, "purified": float(state[0]), "success": float(success)}
 
 
 if __name__ == "__main__":

@@ -64,7 +64,7 @@ def more() -> Estimate:
 
 def findings(runs: Runs) -> Sequence[Finding]:
     """Return gain, errors and key of each distance beside the paper's closed forms."""
-    found = []
+    rows = []
     for km, run in zip(SIFTED, runs.values(), strict=True):
         report = run.job.asking
         pulses, sample = report.photons, report.disclosed_bits
@@ -78,8 +78,8 @@ def findings(runs: Runs) -> Sequence[Finding]:
         ):
             where = "equations A4 to A6" if chart == "key" else "section IV"
             published = Published(theirs, 0.0, where)
-            found.append(Finding(chart, f"{what}, {km} km", ours, published, km))
-    return found
+            rows.append(Finding(chart, f"{what}, {km} km", ours, published, km))
+    return rows
 
 
 LAB = Lab(

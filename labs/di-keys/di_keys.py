@@ -63,37 +63,42 @@ def estimates(run: Run) -> tuple[Estimate, Estimate]:
 
 def findings(runs: Runs) -> Sequence[Finding]:
     """Return S, error rate and key by fidelity; then what pairs as those of the ions are."""
-    found = []
+    lines = []
     for name, fidelity in FIDELITIES.items():
         s, qber = estimates(runs[name])
         ours = {"s": s, "qber": qber, "rate": of_two(key, s, qber)}
         for chart, each in ours.items():
             there = THERE[chart] if name == "paper" else None
             errors = (FIDELITY_ERROR, unsure(chart)) if there else (0.0, 0.0)
-            found.append(Finding(chart, CHARTS[chart][2], each, there, fidelity, *errors))
+            lines.append(Finding(chart, CHARTS[chart][2], each, there, fidelity, *errors))
     pairs, s = runs["ions-z"].job.asking, estimates(runs["ions"])[0]
     in_z = pairs.states // 2
     qber = proportion(round((1 - pairs.equal_in_z) * in_z), in_z)
     f = Estimate(pairs.fidelity, pairs.fidelity_error)
     bits = Estimate(PROTOCOL.key_of(s.value, qber.value), 0.0)
     endless = of_two(one_basis_rate, s, qber)
-    found.append(Finding("", "ions: F", f, ION_F))
-    found.append(Finding("", "ions: error rate in Z", qber, ION_QBER))
-    found.append(Finding("", "ions: S", s, ION_S, inputs=2 * sqrt(2) * ION_F.error))
-    found.append(Finding("", "ions: key of 1.5 million pairs (bits)", bits, ION_KEY))
-    return [*found, Finding("", "ions: key bits a round for it, of endless keys", endless)]
+    lines.append(Finding("", "ions: F", f, ION_F))
+    lines.append(Finding("", "ions: error rate in Z", qber, ION_QBER))
+    lines.append(Finding("", "ions: S", s, ION_S, inputs=2 * sqrt(2) * ION_F.error))
+    lines.append(Finding("", "ions: key of 1.5 million pairs (bits)", bits, ION_KEY))
+    return [*lines, Finding("", "ions: key bits a round for it, of endless keys", endless)]
 
 
 def rows() -> list[PublishedRow]:
     """Return S and the error rate of E91 on the physical layer alone, and keys by formulas."""
-    point, found = ("eavesdropping", {"fidelity": FIDELITY}), []
+    point, published = ("eavesdropping", {"fidelity": FIDELITY}), []
     for chart, of in (("s", "chsh"), ("qber", "qber")):
         what, there = f"{of}, pairs of fidelity {FIDELITY:g}", THERE[chart]
-        found.append(PublishedRow(PAPER, what, there, itemgetter(of), [point], unsure(chart)))
+        published.append(PublishedRow(PAPER, what, there, itemgetter(of), [point], unsure(chart)))
     paper = [Estimate(THERE[of].value, THERE[of].error) for of in ("s", "qber")]
     what = "key of 1.5 million rounds (bits)"
-    found.append(PublishedRow(PAPER, "key, by these", THERE["rate"], lambda: of_two(key, *paper)))
-    return [*found, PublishedRow(OXFORD, what, ION_KEY, lambda: Estimate(PROTOCOL.key_bits(), 0.0))]
+    published.append(
+        PublishedRow(PAPER, "key, by these", THERE["rate"], lambda: of_two(key, *paper))
+    )
+    return [
+        *published,
+        PublishedRow(OXFORD, what, ION_KEY, lambda: Estimate(PROTOCOL.key_bits(), 0.0)),
+    ]
 
 
 LAB = Lab(

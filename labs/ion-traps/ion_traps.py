@@ -20,7 +20,7 @@ def search(fidelity: float) -> float:
 
 def findings(runs: Runs) -> list[Finding]:
     """Return how often the marked state is found, and the fidelity by stabilisers of CZ |++>."""
-    found = []
+    rows = []
     for name, at in FIDELITIES.items():
         blocks: list[list[int]] = [[] for _ in range(7)]  # four of the search, then CZ |++>
         for each in runs[name].job.outputs:
@@ -33,9 +33,9 @@ def findings(runs: Runs) -> list[Finding]:
         cz = Estimate((6 * agree.value - 1) / 5, 6 * agree.error / 5)
         theirs, unsure = ((CZ, GROVER), 5 * CZ.error / 4) if name == "paper" else ((None,) * 2, 0.0)
         inputs = unsure * (2 * at - 2 * (1 - at) / 3)  # by the slope of `search`
-        found.append(Finding("cz", "fidelity of the CZ", cz, theirs[0], at, unsure))
-        found.append(Finding("grover", "states found", grover, theirs[1], at, unsure, inputs))
-    return found
+        rows.append(Finding("cz", "fidelity of the CZ", cz, theirs[0], at, unsure))
+        rows.append(Finding("grover", "states found", grover, theirs[1], at, unsure, inputs))
+    return rows
 
 
 LAB = Lab(

@@ -68,15 +68,15 @@ def fidelity(waited: float) -> float:
 
 def findings(runs: Runs) -> Sequence[Finding]:
     """Return the fidelity of each run, beside the closed form."""
-    found = []
+    rows = []
     for kind, delay_s in product(DELAYS, T2_IN_DELAYS):
         result = runs[name(kind, delay_s)].job.asking
         waited = waits(kind, delay_s, result.emitted)
         error = (result.fidelity_high - result.fidelity_low) / 2 / CONFIDENCE_95
         theory = Published(fidelity(waited), 0.0, "(1 + exp(-t / T2)) / 2")
         text = f"F, {kind} of {delay_s * 1e3:g} ms, T2 of {t2_s(delay_s) * 1e3:g} ms"
-        found.append(Finding(FIGURE, text, Estimate(result.fidelity, error), theory, waited))
-    return found
+        rows.append(Finding(FIGURE, text, Estimate(result.fidelity, error), theory, waited))
+    return rows
 
 
 def name(kind: str, delay_s: float) -> str:

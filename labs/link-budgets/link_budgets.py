@@ -32,15 +32,15 @@ def command_for(link: dict[str, Any]) -> str:
 
 def findings(runs: Runs) -> Sequence[Finding]:
     """Return the rate of clicks, times the published shares of processing, beside that of keys."""
-    found = []
+    rows = []
     for name, run in runs.items():
         keys, link = run.job.asking, LINKS[name]
         seen = proportion(keys.raw_bits, keys.photons)
         scale = THEIRS["pulses_hz"] * math.prod(THEIRS["processing"])
         ours = Estimate(seen.value * scale, seen.error * scale)
         published = Published(link["key_hz"], HALF_A_UNIT, "link budget")
-        found.append(Finding("", f"bit/s, {link['km']} km", ours, published))
-    return found
+        rows.append(Finding("", f"bit/s, {link['km']} km", ours, published))
+    return rows
 
 
 LAB = Lab(

@@ -45,7 +45,7 @@ def measured(pairs: int, attempts: int, took_s: float) -> list[tuple[float, floa
 
 def findings(runs: Runs) -> list[Finding]:
     """Return what was measured of each link, of one qubit at either end."""
-    found = []
+    rows = []
     for (km, program), modes in LINKS.items():
         run = runs[f"{km}-km-{program}"]
         took_s = run.times_s("herald")[-1] - run.times_s("attempt")[-1]
@@ -53,9 +53,9 @@ def findings(runs: Runs) -> list[Finding]:
         counted = asking.emitted, asking.attempts, took_s * modes
         ours = [Estimate(*each) for each in measured(*counted)]
         theirs = [Published(*each, table["program"]) for each in measured(*table["links"][str(km)])]
-        found.append(Finding("", f"attempts that succeed, {km} km", ours[0], theirs[0]))
-        found.append(Finding(program, f"s a pair, {km} km", ours[1], theirs[1], km))
-    return found
+        rows.append(Finding("", f"attempts that succeed, {km} km", ours[0], theirs[0]))
+        rows.append(Finding(program, f"s a pair, {km} km", ours[1], theirs[1], km))
+    return rows
 
 
 def drawn(of: str) -> Chart:

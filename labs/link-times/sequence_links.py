@@ -27,20 +27,20 @@ def link(half_km: float, pairs: int) -> tuple[int, int, float]:
         QuantumChannel(*fiber, light_speed=M_PER_PS).set_ends(host, "station")
         host.resource_manager.update = lambda _protocol, _memory, state: ended.append(state)
     timeline.init()
-    attempts = found = 0
-    while found < pairs:
+    attempts = pairs_made = 0
+    while pairs_made < pairs:
         attempts += 1
         for host, other in (hosts, hosts[::-1]):
             memory, theirs = (each.components[each.memo_arr_name][0] for each in (host, other))
-            own = host, host.name, "station", other.name, memory
-            host.protocols = [EntanglementGenerationA.create(*own)]  # Barrett and Kok's
+            ends = host, host.name, "station", other.name, memory
+            host.protocols = [EntanglementGenerationA.create(*ends)]  # Barrett and Kok's
             host.protocols[0].set_others(other.name, other.name, [theirs.name])
         for host in hosts:
             host.protocols[0].start()
         timeline.run()
-        found += ended == ["ENTANGLED", "ENTANGLED"]
+        pairs_made += ended == ["ENTANGLED", "ENTANGLED"]
         ended.clear()
-    return found, attempts, timeline.now() / 1e12
+    return pairs_made, attempts, timeline.now() / 1e12
 
 
 if __name__ == "__main__":

@@ -42,15 +42,15 @@ def waited_s(run: Run) -> float:
 
 def findings(runs: Runs) -> Sequence[Finding]:
     """Return the fidelity of pairs that have waited, beside SeQUeNCe's."""
-    found = []
+    rows = []
     for kind, copper_km in product(OURS, COPPER_KM):
         run = runs[f"{kind}-{copper_km}-km"]
         report, waits = run.job.asking, waited_s(run) / T_S
         error = (report.fidelity_high - report.fidelity_low) / 2 / CONFIDENCE_95
         theirs = Published(fidelity(kind, waits), 0.0, REFERENCE["program"])
         words = f"F, {kind}, copper of {copper_km} km"
-        found.append(Finding(kind, words, Estimate(report.fidelity, error), theirs, waits))
-    return found
+        rows.append(Finding(kind, words, Estimate(report.fidelity, error), theirs, waits))
+    return rows
 
 
 LAB = Lab(

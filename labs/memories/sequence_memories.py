@@ -19,7 +19,7 @@ BEGUN_PS, S = 1, 10**12  # at time 0 it takes memories for empty
 def fidelities(errors: list[float]) -> list[float]:
     """Return the fidelity step by step."""
     QuantumManager.set_global_manager_formalism(BELL_DIAGONAL_STATE_FORMALISM)
-    timeline, found = Timeline(), [FIDELITY]
+    timeline, values = Timeline(), [FIDELITY]
     common = timeline, FIDELITY, 0, 1, COHERENCE_S, 500, errors
     pair = [Memory(name, *common) for name in ("alice", "bob")]
     state = [FIDELITY] + [(1 - FIDELITY) / 3] * 3
@@ -30,8 +30,8 @@ def fidelities(errors: list[float]) -> list[float]:
         timeline.time = BEGUN_PS + round(step * STEP_S * S)
         for memory in pair:
             memory.bds_decohere()
-        found.append(float(timeline.quantum_manager.states[pair[0].qstate_key].state[0]))
-    return found
+        values.append(float(timeline.quantum_manager.states[pair[0].qstate_key].state[0]))
+    return values
 
 
 if __name__ == "__main__":

@@ -43,9 +43,9 @@ def waited_s(run: Run, figure: dict[str, Any]) -> dict[str, float]:
     if figure["job"] == "purified":
         arrived, measured = run.times_s("arrive"), run.times_s("measure")
         return {"before": measured[0] - arrived[0], "after": measured[2] - measured[0]}
-    asking, asked = run.job.asking, run.job.asked
-    at_ends = asking.sampled_waited_ms + asked.sampled_waited_ms
-    return {"of all": (at_ends + 2 * sum(asked.repeaters_waited_ms)) / 1e3}
+    asking, acceptor = run.job.asking, run.job.asked
+    at_ends = asking.sampled_waited_ms + acceptor.sampled_waited_ms
+    return {"of all": (at_ends + 2 * sum(acceptor.repeaters_waited_ms)) / 1e3}
 
 
 def of_figure(figure: dict[str, Any], run: Run) -> Iterator[Finding]:

@@ -27,7 +27,7 @@ def findings(runs: Runs) -> Sequence[Finding]:
     """Return what of the paper's figures is seen in packets and events."""
     run = read_run(runs["handshakes"].folder)
     seen, bits = _seen(run.events), format(ord(MESSAGE), "08b")
-    wanted = [TABLE[bits[place : place + 2]] for place in range(0, 8, 2)]
+    expected = [TABLE[bits[place : place + 2]] for place in range(0, 8, 2)]
     ordered = sum(_in_order(steps) for steps in _handshakes(run))
     spoken = {
         (each.source, each.target)
@@ -37,7 +37,7 @@ def findings(runs: Runs) -> Sequence[Finding]:
     address = run.network.addresses
     pairs = (("alice", "bob"), ("alice", "ed"), ("bob", "ed"), ("charlie", "ed"))
     there = sum((address[a], address[b]) in spoken for a, b in pairs)
-    same = sum(one == other for one, other in zip(seen, wanted, strict=True))
+    same = sum(one == other for one, other in zip(seen, expected, strict=True))
     opened = len({e.time_ns for e in run.events if e.kind == "open"})
     return [
         exactly("Bell states encoded and reported", same, 4, "table: bits, operator, Bell state"),

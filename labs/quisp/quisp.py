@@ -43,13 +43,15 @@ def command_for(figure: dict[str, Any], task: str) -> str:
 
 def findings(runs: Runs) -> Sequence[Finding]:
     """Return fidelities, and success of one round; readings of the estimate are corrected for."""
-    found = []
+    rows = []
     for figure, task in POINTS:
         asking = runs[f"{figure['name']}-{task}"].job.asking
-        kept = (2 * figure["readout"] - 1) ** 2 if task == "purified" else 1.0  # by two readings
+        contrast = (
+            (2 * figure["readout"] - 1) ** 2 if task == "purified" else 1.0
+        )  # by two readings
         width = asking.fidelity_high - asking.fidelity_low
-        estimate = 1 / 4 + (asking.fidelity - 1 / 4) / kept
-        ours = {task: Estimate(estimate, width / 2 / CONFIDENCE_95 / kept)}
+        estimate = 1 / 4 + (asking.fidelity - 1 / 4) / contrast
+        ours = {task: Estimate(estimate, width / 2 / CONFIDENCE_95 / contrast)}
         if task == "purified":
             ours["success"] = proportion(asking.survived, asking.compared)
         words = "F {fidelity:g}, gates {gate:g}, readings {readout:g}".format(**figure)
@@ -57,8 +59,8 @@ def findings(runs: Runs) -> Sequence[Finding]:
             name = f"{what}: {words}"
             value, error = figure[what]
             their = Published(value, error, REFERENCE["program"])
-            found.append(Finding(what, name, our, their, value, error))
-    return found
+            rows.append(Finding(what, name, our, their, value, error))
+    return rows
 
 
 POINTS = [(figure, task) for figure in REFERENCE["figures"] for task in tasks(figure)]

@@ -22,12 +22,12 @@ CUT_S = 0.03  # some of the light of a session has come by the short way
 def shared(network: QuantumNetwork, cut: bool = False) -> Counter[str]:
     """Share pairs; count those made, sampled and found as Phi+, and photons that came."""
     earlier = came(network)
-    with session(network, "distribute", ENDS, count=200, sample=0.4, rate_hz=250_000) as asked:
+    with session(network, "distribute", ENDS, count=200, sample=0.4, rate_hz=250_000) as running:
         if cut:
             network.sleep(CUT_S)
             network.net.configLinkStatus("q1", "q3", "down")
-        asked.results()
-        summary = asked.summary
+        running.results()
+        summary = running.summary
     like_phi = round(summary["sampled"] * (2 * summary["fidelity"] + 1) / 3)
     counts = {"came": came(network) - earlier, "like_phi": like_phi}
     return Counter({**counts, "emitted": summary["emitted"], "sampled": summary["sampled"]})

@@ -14,8 +14,8 @@ WIDE = (HERE / "wide.txt").read_text().format(here=HERE)
 
 def findings(runs: Runs) -> Sequence[Finding]:
     """Return what the detour does to light and F, how long it is dark, and F of all channels."""
-    found, wide = runs["cut"].result["found"], runs["wide"].job.asking
-    both, dark = (found["before"], found["after"]), Estimate(found["outage_s"], 0.0)
+    outage, wide = runs["cut"].result["found"], runs["wide"].job.asking
+    both, dark = (outage["before"], outage["after"]), Estimate(outage["outage_s"], 0.0)
     light = [proportion(each["came"], each["emitted"]) for each in both]
     like = [proportion(each["like_phi"], each["sampled"]) for each in both]  # (2F + 1)/3 of them
     times = light[0].value / light[1].value

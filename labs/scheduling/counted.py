@@ -35,8 +35,8 @@ KINDS = {"made": (UNTIL_MADE, 100 * PACKETS), "released": (RELEASED, PACKETS)}
 def of(case: Case, seed: int, most: int) -> dict[str, float]:
     """Return the figures of a case in which each application has `most` releases at most."""
     name, rate, order, signalling, draw = case
-    wanted = Drawn(COUNT, draw, PACKETS, rate, order == "timetable", most)
-    return measured(MAPS[name], wanted, ORDERS[order], signalling, default_rng([seed, draw]))
+    drawn = Drawn(COUNT, draw, PACKETS, rate, order == "timetable", most)
+    return measured(MAPS[name], drawn, ORDERS[order], signalling, default_rng([seed, draw]))
 
 
 if __name__ == "__main__":

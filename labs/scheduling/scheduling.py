@@ -32,18 +32,18 @@ def taken(runs: Runs, order: str, times: int) -> tuple[Estimate, Estimate]:
 
 def findings(runs: Runs) -> Sequence[Finding]:
     """Return what comes without signalling, beside theirs, and what packets meet in a network."""
-    found = []
+    rows = []
     for (rate, order), (what, words) in product(KINDS, WHAT.items()):
         our = ours(runs, what, "made", "tree", rate, order, 0)
         their = REFERENCE[f"tree {rate} {order}"][what]
         finding = paired(f"{words}, {order}, {rate}/s", our, their, "their program")
-        found.append(replace(finding, chart=what if order == "edf" else "", at=rate))
+        rows.append(replace(finding, chart=what if order == "edf" else "", at=rate))
     times = ours(runs, "turnaround", "made", "garr", 16, "edf", 0)  # light goes round others'
-    found.append(Finding("", "the same of edf, 16/s, on all ways", mean_of_draws(times)))
+    rows.append(Finding("", "the same of edf, 16/s, on all ways", mean_of_draws(times)))
     for case in product(ORDERS, SIGNALLING):
         for each, what in zip(taken(runs, *case), WHAT.values(), strict=True):
-            found.append(Finding("", f"{what}, in a network, {case}", each))
-    return found
+            rows.append(Finding("", f"{what}, in a network, {case}", each))
+    return rows
 
 
 def files(runs: Runs, folder: Path) -> Sequence[Path]:

@@ -21,7 +21,7 @@ PAPER = "arXiv:1609.00713"
 
 def findings(runs: Runs) -> Sequence[Finding]:
     """Return bits a pair: 2 - H of how often a dibit has come in each of the four ways."""
-    found = []
+    rows = []
     for name, fidelity in FIDELITIES.items():
         symbols = np.array(runs[name].job.asked.confusion)
         sent, received = np.indices(symbols.shape)
@@ -29,9 +29,9 @@ def findings(runs: Runs) -> Sequence[Finding]:
         np.add.at(ways, sent ^ received, symbols)
         bits = information([int(count) for count in ways])
         published = CAPACITY if name == "fibre" else None
-        found.append(Finding("capacity", "bits a pair", bits, published, at=fidelity))
+        rows.append(Finding("capacity", "bits a pair", bits, published, at=fidelity))
     whole = runs["fibre"].result["delivered"]
-    return [*found, exactly("images that came", int(whole), 1, "abstract: image transfer")]
+    return [*rows, exactly("images that came", int(whole), 1, "abstract: image transfer")]
 
 
 def capacity(fidelity: float) -> float:

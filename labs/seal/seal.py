@@ -22,20 +22,20 @@ def visibility(fraction: float) -> float:
 
 def findings(runs: Runs) -> Sequence[Finding]:
     """Return the visibilities, and whether the intruder, and nobody else, was found in time."""
-    found = []
+    rows = []
     for name, fraction in TAPPED.items():
         report = runs[name].job.asking
         wrong = proportion(round(report.error_rate * report.compared), report.compared)
         seen = Estimate(1 - 2 * wrong.value, 2 * wrong.error)
         theirs = Published(visibility(fraction), 0, "one of four that are intercepted differs")
-        found.append(
+        rows.append(
             Finding("visibility", f"visibility, {fraction:g} tapped", seen, theirs, fraction)
         )
     alarm, silence = (runs[name].job.asking for name in ("intruder", "nobody"))
     in_time = alarm.alarm and alarm.light_s <= INTERVAL_S
     source = "abstract: false alarm 1e-9, detection above .9999, in 10 s"
     return [
-        *found,
+        *rows,
         exactly("alarms within 10 s of an intruder", int(in_time), 1, source),
         exactly("alarms without one", int(silence.alarm), 0, source),
     ]

@@ -51,17 +51,17 @@ def switch_ends(facts: NetworkFacts, a: str, b: str) -> list[str]:
     for node in (a, b):
         if node not in known:
             raise NetworkError(f"unknown node {node!r}: {remedy(node, sorted(known))}")
-    found = []
+    names = []
     for fiber in facts.fibers:
         if {fiber.a.node, fiber.b.node} == {a, b}:
             ends = [end for end in (fiber.a, fiber.b) if end.port.isdecimal()]
-            found += [f"{end.node}-eth{end.port}" for end in ends[:1]]
+            names += [f"{end.node}-eth{end.port}" for end in ends[:1]]
     for node1, name1, node2, name2 in facts.copper:
         if {node1, node2} == {a, b}:
-            found.append(name2 if node1 in facts.addresses else name1)
-    if not found:
+            names.append(name2 if node1 in facts.addresses else name1)
+    if not names:
         raise NetworkError(f"no link between {a} and {b} ends at a switch")
-    missing = [name for name in found if not (INTERFACES / name).exists()]
+    missing = [name for name in names if not (INTERFACES / name).exists()]
     if missing:
         raise NetworkError(f"there is no interface {missing[0]} any more")
-    return found
+    return names

@@ -141,8 +141,10 @@ class NetworkCLI(CLI):
             if status != "0":
                 self._fail(f"{line}: status {status}{_meant(verb, self.host_verbs)}")
         else:
-            known = {name[3:] for name in self.get_names() if name.startswith("do_")} | set(self.mn)
-            super().default(line + ("" if host in self.mn else _meant(host, known)))
+            commands = {name[3:] for name in self.get_names() if name.startswith("do_")} | set(
+                self.mn
+            )
+            super().default(line + ("" if host in self.mn else _meant(host, commands)))
 
     def waitForNode(self, node: Any) -> None:  # noqa: N802 (Mininet's name)
         """Pass keys on, and show output, until the command has ended; or its shell: NetworkError.
@@ -193,9 +195,9 @@ class NetworkCLI(CLI):
         name, act = arguments_of(line, "switch NAME start|stop", 2)
         switches = {switch.name: switch for switch in self.mn.switches}
         if name not in switches or act not in ("start", "stop"):
-            known = switches if name not in switches else ("start", "stop")
+            choices = switches if name not in switches else ("start", "stop")
             wrong = name if name not in switches else act
-            raise BadInput(f"switch: {wrong!r}: {remedy(wrong, sorted(known))}")
+            raise BadInput(f"switch: {wrong!r}: {remedy(wrong, sorted(choices))}")
         with heard_again(self.network.runtime, switches[name], act == "start"):
             super().do_switch(line)
 

@@ -14,7 +14,7 @@ from wire.results.run_result import ServiceJob
 from wire.results.time_series import Line, figures
 
 
-def call(network: Network, job: Job, kept: ServiceJob, take: Callable[[], None]) -> None:
+def call(network: Network, job: Job, result: ServiceJob, take: Callable[[], None]) -> None:
     """Have two hosts use a service; keep the figures of both, and call `take` at each result.
 
     Raise TransferError if it fails, NetworkError if the network does.
@@ -23,26 +23,26 @@ def call(network: Network, job: Job, kept: ServiceJob, take: Callable[[], None])
     del options["host"], options["port"]
     ends = job.opener, job.acceptor, *job.others
     stacks, time_ = network.runtime.socket, network.runtime.time
-    progress = Progress(network, kept, take)
+    progress = Progress(network, result, take)
     try:
         with blocking_session(
             stacks, job.service, ends, job.options.port, time_, limit_s=None, **options
         ) as session:
             session.results(progress.note, progress.look)
-            asking, asked, *_others = session.end(progress.look)
+            asking, acceptor, *_others = session.end(progress.look)
     except QuantumSocketError as error:
         network.explain()
         text = with_elements(network, str(error))
         raise TransferError(text, error.reason.name) from error
     progress.note(asking)
-    kept.asked = figures(asked)
+    result.asked = figures(acceptor)
 
 
 class Progress:
     """The latest report of the opener, and its time."""
 
-    def __init__(self, network: Network, kept: ServiceJob, take: Callable[[], None]) -> None:
-        self._network, self._kept, self._take = network, kept, take
+    def __init__(self, network: Network, result: ServiceJob, take: Callable[[], None]) -> None:
+        self._network, self._kept, self._take = network, result, take
         self._latest: Line = {}
         self._patience = Patience(network.runtime.time, STALL_TIMEOUT_S)
 

@@ -158,7 +158,7 @@ def check_turns(request: ServiceRequest) -> None:
 
 def is_prepared(service: str) -> bool:
     """Return whether one host sends the other states of its own."""
-    return (asked := Service[service.upper()]) in PREPARED and not uses_source(asked)
+    return (service_ := Service[service.upper()]) in PREPARED and not uses_source(service_)
 
 
 def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription]:
@@ -228,18 +228,18 @@ def described(service: str, options: NetworkOptions) -> NetworkDescription:
     Of hosts whose memories emit every second one is as they are, and those between are stations;
     where no switch swaps, all are.
     """
-    asked = Service[service.upper()]
+    kind_of_session = Service[service.upper()]
 
     def parts(switches: Sequence[str]) -> Sequence[str]:
         kind = kind_of_all(options.node)
-        if kind and is_heralded(asked, node_device(kind, Device()).features):
-            kinds = cycle(("station", kind if asked == Service.SWAP else "station"))
+        if kind and is_heralded(kind_of_session, node_device(kind, Device()).features):
+            kinds = cycle(("station", kind if kind_of_session == Service.SWAP else "station"))
             return [f"{name}.parts={each}" for name, each in zip(switches, kinds, strict=False)]
-        return PARTS if asked == Service.SWAP else ()
+        return PARTS if kind_of_session == Service.SWAP else ()
 
     named = any("analysers=" in word or "parts=" in word for word in options.switch)
-    own = named or is_custom(options.topology)
-    return describe_network(options, no_parts if own else parts)
+    has_parts = named or is_custom(options.topology)
+    return describe_network(options, no_parts if has_parts else parts)
 
 
 def with_swaps(options: SwapOptions, sender: str, parts: Description) -> SwapOptions:
@@ -260,7 +260,7 @@ def swaps_from(sender: str, receivers: Iterable[str], parts: Description) -> dic
 
     Raise BadInput if none is between the two hosts.
     """
-    analysers, found = analysers_from(sender, parts), dict[str, int]()
+    analysers, swaps = analysers_from(sender, parts), dict[str, int]()
     for host in receivers:
         able = int(analysers.get(host, 0))
         if is_heralded(Service.SWAP, parts.hosts[sender].features):
@@ -271,8 +271,8 @@ def swaps_from(sender: str, receivers: Iterable[str], parts: Description) -> dic
                 "analyser between them: choose --topology chain,3, or give your switches parts "
                 f"({' '.join(f'--switch {part}' for part in PARTS)})"
             )
-        found[host] = min(able, MOST_SWITCHES)
-    return found
+        swaps[host] = min(able, MOST_SWITCHES)
+    return swaps
 
 
 def with_beam_splitter(

@@ -80,7 +80,7 @@ def tapped_path(
 
 @contextmanager
 def eavesdropping(
-    network: Network, attack: Attack | None, kept: ServiceJob, label: str = ""
+    network: Network, attack: Attack | None, result: ServiceJob, label: str = ""
 ) -> Iterator[None]:
     """Have eve attack meanwhile, if an attack is given; keep what she saw."""
     if attack is None:
@@ -93,7 +93,7 @@ def eavesdropping(
         yield
     finally:
         eve.stop()
-        kept.eve = summary_of(eve)
+        result.eve = summary_of(eve)
 
 
 def summary_of(eve: Program) -> Figures | EveFigures:

@@ -55,9 +55,9 @@ class NetworkFor:
         return self.made.description
 
 
-def network_for(job: str, given: Mapping[str, Any]) -> NetworkFor:
+def network_for(job: str, options: Mapping[str, Any]) -> NetworkFor:
     """Return the network that a job with these options needs; raise BadInput or BadTopology."""
-    request = request_of(job, given)
+    request = request_of(job, options)
     if isinstance(request, ServiceRequest):
         request, network = counted_service.checked(request)
     else:
@@ -76,21 +76,23 @@ class Planned:
     perform: Callable[[], None]
 
 
-def run(network: Network, made: Made, job: str, given: Mapping[str, Any], number: int) -> RunResult:
+def run(
+    network: Network, made: Made, job: str, options: Mapping[str, Any], number: int
+) -> RunResult:
     """Do a job on the network; raise BadInput for one that needs another network.
 
     Light that is too noisy is an outcome: not delivered, with an `error`. Logs of its programs
     begin with its number, which its folder has, too.
     """
-    asked = {name: value for name, value in given.items() if name not in OF_NETWORK}
-    of_network = {name: given[name] for name in given.keys() & OF_NETWORK}
+    of_job = {name: value for name, value in options.items() if name not in OF_NETWORK}
+    of_network = {name: options[name] for name in options.keys() & OF_NETWORK}
     label = f"{number}-{job}"
     folder = network.runtime.logs / label
     if job in STANDING:
         _require_same(made, job, of_network)
-        planned = STANDING[job](network, made.description, asked, folder)
+        planned = STANDING[job](network, made.description, of_job, folder)
     else:
-        request = request_of(job, asked)
+        request = request_of(job, of_job)
         _require_same(made, job, of_network)
         request = _fitted(made, job, replace(request, network=made.description.options))
         planned = _planned(network, made.description, request, folder)
@@ -99,7 +101,7 @@ def run(network: Network, made: Made, job: str, given: Mapping[str, Any], number
     facts = known_facts(context, planned.service, planned.hosts, planned.result, planned.request)
     note_pace(facts, made.description.pace)
     facts.network = network_facts(network)
-    before, known = status(network), len(read_record(network.runtime.logs))
+    before, lines_before = status(network), len(read_record(network.runtime.logs))
     try:
         planned.perform()
         facts.delivered = True
@@ -108,7 +110,7 @@ def run(network: Network, made: Made, job: str, given: Mapping[str, Any], number
             raise
         facts.error = str(error)
     note_light(facts, network, before)
-    note_outcome(facts, folder, read_record(network.runtime.logs)[known:])
+    note_outcome(facts, folder, read_record(network.runtime.logs)[lines_before:])
     facts.write(folder)
     return facts
 
@@ -122,30 +124,30 @@ def _planned(
         task = counted_service.job(request, description)
     else:
         task = superdense.job(request, superdense.message_file(request, folder))
-    kept, label = task.result, f"{folder.name}-"
+    result, label = task.result, f"{folder.name}-"
 
     def perform() -> None:
         if task.file is not None:
-            runner.perform(task, network, folder, Console(quiet=True), kept, label)
+            runner.perform(task, network, folder, Console(quiet=True), result, label)
             return
         with (
-            eavesdropping.eavesdropping(network, task.eve, kept, label),
-            runner.handing_out(network, task, kept) as take,
+            eavesdropping.eavesdropping(network, task.eve, result, label),
+            runner.handing_out(network, task, result) as take,
         ):
-            calls.call(network, task, kept, take)
+            calls.call(network, task, result, take)
 
     hosts = task.opener, task.acceptor, *task.others
-    return Planned(task.service, hosts, kept, task.request, perform)
+    return Planned(task.service, hosts, result, task.request, perform)
 
 
-def _require_same(made: Made, job: str, given: Mapping[str, Any]) -> None:
+def _require_same(made: Made, job: str, changes: Mapping[str, Any]) -> None:
     """Raise BadInput for an option of networks that has another value in this one."""
     options = made.description.options
-    named = {name: value for name, value in given.items() if name != "topology"}
-    topology = given.get("topology", options.topology)
-    asked = from_keywords(NetworkOptions, named, topology=topology)
-    for name in sorted(given):
-        value, stands = getattr(asked, name), getattr(options, name)
+    named = {name: value for name, value in changes.items() if name != "topology"}
+    topology = changes.get("topology", options.topology)
+    requested = from_keywords(NetworkOptions, named, topology=topology)
+    for name in sorted(changes):
+        value, stands = getattr(requested, name), getattr(options, name)
         if job == "swap" and name == "switch":  # behind the parts that a swap gives all switches
             value = (*stands[: len(stands) - len(value)], *value)
         if value != stands:

@@ -60,34 +60,39 @@ class Job:
 
 def run(job: Job, context: RunContext) -> RunResult:
     folder, console = context.folder, context.console
-    hosts, kept = (job.opener, job.acceptor, *job.others), job.result
-    facts = known_facts(context, job.service, hosts, kept, job.request)
+    hosts, report = (job.opener, job.acceptor, *job.others), job.result
+    facts = known_facts(context, job.service, hosts, report, job.request)
     with ending(folder, facts, result.complete, context.options.report) as ended:
-        use_network(job, context, facts, kept)
+        use_network(job, context, facts, report)
     result.show(console, facts, folder, ended.report)
     return facts
 
 
-def use_network(job: Job, context: RunContext, facts: RunResult, kept: ServiceJob) -> None:
+def use_network(job: Job, context: RunContext, facts: RunResult, job_result: ServiceJob) -> None:
     """Start the network, do the job, and add to the facts, and to what is kept of the job."""
     with running_network(context, facts, partial(_require_keys_here, job)) as network:
         context.console.print(job.announcement)
-        perform(job, network, context.folder, context.console, kept)
+        perform(job, network, context.folder, context.console, job_result)
         facts.delivered = True
 
 
 def perform(
-    job: Job, network: Network, folder: Path, console: Console, kept: ServiceJob, label: str = ""
+    job: Job,
+    network: Network,
+    folder: Path,
+    console: Console,
+    job_result: ServiceJob,
+    label: str = "",
 ) -> None:
     """Do the job on a network that runs; the logs of its programs begin with the label."""
     with (
-        eavesdropping.eavesdropping(network, job.eve, kept, label),
-        handing_out(network, job, kept) as take,
-        _progress_bar(console, job, kept, take) as progress,
+        eavesdropping.eavesdropping(network, job.eve, job_result, label),
+        handing_out(network, job, job_result) as take,
+        _progress_bar(console, job, job_result, take) as progress,
         lost_light(network, console) as lost,
         _programs(network, job, label) as start,
     ):
-        _use(network, job, start, (folder, kept), progress, lost.look)
+        _use(network, job, start, (folder, job_result), progress, lost.look)
 
 
 def _require_keys_here(job: Job, places: Mapping[str, Machine]) -> None:
@@ -132,7 +137,7 @@ def _use(
 
     They leave bytes in a folder, and their figures in the job.
     """
-    folder, kept = left
+    folder, report = left
     options = asdict(job.options)
     host = options.pop("host")
     del options["port"]
@@ -141,13 +146,13 @@ def _use(
     source = ["--file", str(job.file), *_time(network.runtime.time)] if job.file else []
     with NetworkWaits(network.runtime.time) as waits:
         waits.hold()  # light that is watched already would go on while programs start
-        asked = start(job.acceptor, "asked", output)
+        acceptor = start(job.acceptor, "asked", output)
         others = [start(host, f"asked-{host}", output) for host in job.others]
-        for waiting in (asked, *others):
+        for waiting in (acceptor, *others):
             waiting.wait_for("listening", START_TIMEOUT_S, network.check)
         asking = start(job.opener, "asking", [*address, *source])
     progress(follow(network, asking, progress, look))
-    kept.asked = figures(follow(network, asked, lambda _line: None, look))
+    report.asked = figures(follow(network, acceptor, lambda _line: None, look))
     for waiting in others:
         follow(network, waiting, lambda _line: None, look)
 
@@ -159,7 +164,7 @@ def _time(network_time: NetworkTime) -> list[str]:
 
 
 @contextmanager
-def handing_out(network: Network, job: Job, kept: ServiceJob) -> Iterator[Callable[[], None]]:
+def handing_out(network: Network, job: Job, job_result: ServiceJob) -> Iterator[Callable[[], None]]:
     """Have keys of both ends taken whenever that is called, and once more at the end."""
     if job.hand_out is None:
         yield lambda: None
@@ -169,13 +174,13 @@ def handing_out(network: Network, job: Job, kept: ServiceJob) -> Iterator[Callab
     stores = [network.runtime.key_folder(host) for host in ends]
     with key_handout(job.hand_out, ends, stores) as handout:
         yield handout.take
-    if isinstance(kept.asking, KeyProgress):
-        kept.asking.handed_out = handout.count
+    if isinstance(job_result.asking, KeyProgress):
+        job_result.asking.handed_out = handout.count
 
 
 @contextmanager
 def _progress_bar(
-    console: Console, job: Job, kept: ServiceJob, take: Callable[[], None]
+    console: Console, job: Job, job_result: ServiceJob, take: Callable[[], None]
 ) -> Iterator[Callable[[Line], None]]:
     """Show how far the opener is; what it says is also kept, and keys are taken."""
     rates = [TextColumn("{task.fields[rate]:,.0f} " + f"{job.unit}/s")] if job.rate else []
@@ -184,7 +189,7 @@ def _progress_bar(
         task = bar.add_task(job.unit, total=job.total, rate=0.0)
 
         def note(line: Line) -> None:
-            kept.asking = latest = figures(line)
+            job_result.asking = latest = figures(line)
             take()
             rate = job.rate(latest) if job.rate else 0.0
             bar.update(task, completed=min(job.done(latest), job.total), rate=rate)

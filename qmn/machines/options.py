@@ -60,21 +60,23 @@ MACHINES = tuple(each.name for each in fields(MachineOptions))
 
 @contextmanager
 def machines_of(
-    asked: MachineOptions, hosts: Sequence[str], folder: Path | None, check: Callable[[], None]
+    options: MachineOptions, hosts: Sequence[str], folder: Path | None, check: Callable[[], None]
 ) -> Iterator[dict[str, Machine]]:
     """Give the machine of each host that is not on this one; `check` may raise meanwhile.
 
     In the folder of the run, if it has one, is the key log of what goes between the machines.
     """
-    if asked.machines == 1 and not asked.place:
+    if options.machines == 1 and not options.place:
         yield {}
         return
     # Dask takes a second to load: who has one machine does not wait for it.
     from qmn.machines.workers import on_machines
 
-    with on_machines(asked.machines, asked.place, asked.scheduler, hosts, folder, check) as places:
+    with on_machines(
+        options.machines, options.place, options.scheduler, hosts, folder, check
+    ) as places:
         for machine in places.values():
-            machine.tunnels = asked.tunnels
+            machine.tunnels = options.tunnels
         yield places
 
 

@@ -127,8 +127,8 @@ def found_workers(client: Client, least: int) -> dict[str, str]:
     """Return name and Dask address of the workers, as many as are wanted at least."""
     with suppress(TimeoutError):  # the error below names how many there are
         client.wait_for_workers(least, timeout=WORKERS_TIMEOUT_S)
-    found = client.scheduler_info(n_workers=-1)["workers"]
-    named = {str(each["name"]): address for address, each in found.items()}
+    workers = client.scheduler_info(n_workers=-1)["workers"]
+    named = {str(each["name"]): address for address, each in workers.items()}
     if len(named) < least:
         raise NetworkError(
             f"--machines {least + 1}: beside this machine there are {len(named)} workers "
@@ -146,14 +146,14 @@ def places(placed: Sequence[str], hosts: Sequence[str], workers: Sequence[str]) 
     if not placed:
         turns = {host: machines[turn % len(machines)] for turn, host in enumerate(hosts)}
         return {host: machine for host, machine in turns.items() if machine != FIRST}
-    found = {}
+    by_host = {}
     for text in placed:
         host, equals, machine = text.partition("=")
-        if not equals or host in found:
+        if not equals or host in by_host:
             raise BadInput(f"--place {text}: write HOST=MACHINE, once a host")
         if host not in hosts:
             raise BadInput(f"--place {text}: no host {host}: {remedy(host, hosts)}")
         if machine not in machines:
             raise BadInput(f"--place {text}: no machine {machine}: {remedy(machine, machines)}")
-        found[host] = machine
-    return {host: machine for host, machine in found.items() if machine != FIRST}
+        by_host[host] = machine
+    return {host: machine for host, machine in by_host.items() if machine != FIRST}

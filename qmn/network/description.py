@@ -99,12 +99,12 @@ def describe_network(
     words = part_options(options)
     try:
         named = {name: getattr(options, name) for name in FIBER}
-        given = {name: value for name, value in named.items() if value is not None}
-        given |= words.of_every_fiber()
-        every = optics("every fibre", **fiber_of(options.preset, given))
+        optics_given = {name: value for name, value in named.items() if value is not None}
+        optics_given |= words.of_every_fiber()
+        every = optics("every fibre", **fiber_of(options.preset, optics_given))
         # So that what cannot be is refused here, and not in the midst of a start.
         fiber_noise.models(resolved(every))
-        return _described(builder(options, given), options, switch_parts, every)
+        return _described(builder(options, optics_given), options, switch_parts, every)
     except ValueError as error:
         raise BadTopology(str(error)) from error
 
@@ -125,21 +125,21 @@ def _described(
 ) -> NetworkDescription:
     topo = build()
     content = content_of(topo)
-    given = switch_parts([switch.name for switch in content.of(OpticalSwitch)])
-    options = replace(options, switch=(*given, *options.switch))
+    of_switches = switch_parts([switch.name for switch in content.of(OpticalSwitch)])
+    options = replace(options, switch=(*of_switches, *options.switch))
     words = part_options(options).of_hosts([host.name for host in content.of(QuantumHost)])
     words.set_parts(content)
     assign_copper_lengths(topo)
     parts = describe(content)
-    own = every is None or is_custom(options.topology)
+    is_own = every is None or is_custom(options.topology)
     named = {host: parts.hosts[host] for host in words.named_hosts}
     return NetworkDescription(
         options.by_policy(),
         topo,
         parts,
         pace_of(options, against_steps(options, content)),
-        None if own or options.topology == MAP else every,
-        parts.hosts if own else {"every": words.base_device, **named},
+        None if is_own or options.topology == MAP else every,
+        parts.hosts if is_own else {"every": words.base_device, **named},
     )
 
 

@@ -109,29 +109,30 @@ def felt_by(
 
     `source` makes the pairs, if a user names it.
     """
-    asked = Service[service.upper()]
-    found = Felt()
+    kind = Service[service.upper()]
+    settings = Felt()
     for opener, acceptor in pairwise(hosts):
         maker = source or parts.source_for(opener)
-        by = making(asked, opener, source, parts)
+        by = making(kind, opener, source, parts)
         roles = {Role.OPENER: opener, Role.ACCEPTOR: acceptor}
-        if uses_source(asked, by) or by == Making.OPENER:
+        if uses_source(kind, by) or by == Making.OPENER:
             roles[Role.SOURCE] = maker
         for role, host in roles.items():
-            found |= Felt({host: _of_role(asked, role, by, parts.hosts[host])})
-        for start, end in beams(asked, by) if sends_light else ():
+            settings |= Felt({host: _of_role(kind, role, by, parts.hosts[host])})
+        for start, end in beams(kind, by) if sends_light else ():
             light = HostBeams(frozenset({roles[start.role]}), frozenset({roles[end.role]}))
-            found |= Felt({roles[end.role]: _of("compensator")}, frozenset({light}))
-        if asked == Service.SWAP or by == Making.STATION:  # light goes to switches between them
+            settings |= Felt({roles[end.role]: _of("compensator")}, frozenset({light}))
+        if kind == Service.SWAP or by == Making.STATION:  # light goes to switches between them
             ends = frozenset({opener, acceptor})
-            found |= Felt({}, frozenset({HostBeams(ends, ends)}))
+            settings |= Felt({}, frozenset({HostBeams(ends, ends)}))
     if not sends_light:
-        found = replace(
-            found, devices={host: felt - PAIRS | STATES for host, felt in found.devices.items()}
+        settings = replace(
+            settings,
+            devices={host: felt - PAIRS | STATES for host, felt in settings.devices.items()},
         )
-    if asked in RETURNS:
-        found |= felt_by(RETURNS[asked].name, hosts[::-1], parts, source)
-    return found
+    if kind in RETURNS:
+        settings |= felt_by(RETURNS[kind].name, hosts[::-1], parts, source)
+    return settings
 
 
 def _of_role(service: Service, role: Role, by: Making, device: Device) -> Settings:
@@ -144,10 +145,10 @@ def _of_role(service: Service, role: Role, by: Making, device: Device) -> Settin
         HERALD: EMITTING,
         INTERFERE: STATION,
     }
-    found = RATE | BESIDES.get((service, role), frozenset()) | _of(*used_parts(service, role))
-    found |= STATES if joined else frozenset()
-    found |= _bell(device) if joined or (service, role) in BELL else frozenset()
-    return found.union(*(felt for feature, felt in by_feature.items() if feature in needed))
+    settings = RATE | BESIDES.get((service, role), frozenset()) | _of(*used_parts(service, role))
+    settings |= STATES if joined else frozenset()
+    settings |= _bell(device) if joined or (service, role) in BELL else frozenset()
+    return settings.union(*(felt for feature, felt in by_feature.items() if feature in needed))
 
 
 def _bell(device: Device) -> Settings:
@@ -247,7 +248,7 @@ def _check_fibers_and_switches(job: str, felt: Felt, network: NetworkDescription
     copper = {f"{a}-{b}" for a in taking_part for b in taking_part}  # is as long as fibres there
     fibers = {f"{a}-{b}" for edge in lit for a in edge for b in edge if a != b}
     switches = frozenset[str]().union(*lit) & {*parts.switches}
-    for option, words, known in (
+    for option, words, names in (
         ("fiber", options.fiber, fibers),
         ("switch", options.switch, switches),
     ):
@@ -255,9 +256,9 @@ def _check_fibers_and_switches(job: str, felt: Felt, network: NetworkDescription
             place, name = place_and_name(word.partition("=")[0])
             if name == "length_km" and (not place or place in copper):
                 continue
-            if place and place not in known:
+            if place and place not in names:
                 text = f"no light of {job} goes through {place}"
-            elif not known:
+            elif not names:
                 text = f"no light of {job} goes through any {NODES[option]}"
             else:
                 continue

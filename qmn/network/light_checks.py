@@ -35,17 +35,17 @@ def check_light(
 
     `source` makes the pairs, if a user names it, which `named` says that one can.
     """
-    asked = Service[service.upper()]
+    kind = Service[service.upper()]
     for opener, acceptor in pairwise(hosts):
         maker = source or parts.source_for(opener)
-        by = making(asked, opener, source, parts)
+        by = making(kind, opener, source, parts)
         ends = {Role.OPENER: opener, Role.ACCEPTOR: acceptor}
-        if uses_source(asked, by):
+        if uses_source(kind, by):
             _refuse_source(service, ends.values(), maker, named)
             ends[Role.SOURCE] = maker
         for role, host in ends.items():
-            _refuse_too_few(service, host, fibers_needed(asked, role, by), parts)
-        for start, end in beams(asked, by):
+            _refuse_too_few(service, host, fibers_needed(kind, role, by), parts)
+        for start, end in beams(kind, by):
             _refuse_dark(service, ends[start.role], ends[end.role], parts)
         if by == Making.STATION and not analysers_from(opener, parts).get(acceptor):
             raise BadInput(
@@ -73,8 +73,8 @@ def making(service: Service, opener: str, source: str, parts: Description) -> Ma
 def _refuse_source(service: str, ends: Collection[str], source: str, named: bool) -> None:
     """Raise BadInput for no source, and for one that is an end of the session."""
     other = ", or name another, --source" if named else ""
-    asked = Service[service.upper()]
-    needed = REGISTERED[asked].third if asked in REGISTERED else SOURCE
+    kind = Service[service.upper()]
+    needed = REGISTERED[kind].third if kind in REGISTERED else SOURCE
     remedy = f"source=True and two fibres, on a map by sources_at{other}"
     if not source:
         raise BadInput(f"{service} needs {needed}, and none is one here: give a host {remedy}")

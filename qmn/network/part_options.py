@@ -114,18 +114,18 @@ class PartOptions:
 
     def _set_fibers(self, content: Content) -> None:
         by_place = _fibers_by_place(content)
-        given: defaultdict[str, Info] = defaultdict(dict)
+        changes: defaultdict[str, Info] = defaultdict(dict)
         for word, place, name, value in self._fibers:
             if place:
                 place = place if place in by_place else _in_order(place, by_place)
                 _require(f"--fiber {word}: no fibre", place, by_place)
-                given[place][name] = value
-        for place, changed in given.items():
+                changes[place][name] = value
+        for place, changed in changes.items():
             for info in by_place[place]:
                 kind = KINDS.get(str(changed.get("kind", "")), {})
                 info.update({**kind, **changed})
-                own = {name: info[name] for name in FIBER_OPTICS & info.keys()}
-                resolved(optics(f"fibre {place}", **own))
+                optics_of_place = {name: info[name] for name in FIBER_OPTICS & info.keys()}
+                resolved(optics(f"fibre {place}", **optics_of_place))
 
     def _set_switches(self, content: Content) -> None:
         switches = {switch.name: switch.info for switch in content.of(OpticalSwitch)}
@@ -160,7 +160,7 @@ def set_device(info: Info, device: Device) -> None:
 
 
 def _said(
-    option: str, words: Sequence[str], known: Mapping[str, Any]
+    option: str, words: Sequence[str], choices: Mapping[str, Any]
 ) -> Iterator[tuple[str, str, str, Any]]:
     """Yield each word with its place, which may be "", name and value; raise BadTopology.
 
@@ -172,11 +172,11 @@ def _said(
         if not equals:
             raise BadTopology(
                 f"--{option} {word}: write NAME=VALUE or PLACE.NAME=VALUE, "
-                f"where NAME is of {', '.join(known)}"
+                f"where NAME is of {', '.join(choices)}"
             )
-        check_names(f"--{option} {word}: a {KIND_OF[option]}", [name], known, BadTopology)
+        check_names(f"--{option} {word}: a {KIND_OF[option]}", [name], choices, BadTopology)
         of_none = tuple if "." in name else float  # as of a host's device
-        yield word, place, name, _value(f"--{option} {word}", name, text, known[name], of_none)
+        yield word, place, name, _value(f"--{option} {word}", name, text, choices[name], of_none)
 
 
 def place_and_name(where: str) -> tuple[str, str]:
@@ -199,11 +199,11 @@ def _value(where: str, name: str, text: str, default: Any, of_none: type = float
 
 def _fibers_by_place(content: Content) -> dict[str, list[Info]]:
     """Return the fibres between two nodes by A-B, names in order."""
-    found: defaultdict[str, list[Info]] = defaultdict(list)
+    fibers: defaultdict[str, list[Info]] = defaultdict(list)
     for link in content.links:
         if link.is_fiber:
-            found["-".join(sorted((link.a.name, link.b.name)))].append(link.info)
-    return dict(sorted(found.items()))
+            fibers["-".join(sorted((link.a.name, link.b.name)))].append(link.info)
+    return dict(sorted(fibers.items()))
 
 
 def _in_order(place: str, by_place: Collection[str]) -> str:
@@ -245,7 +245,7 @@ def _named_nodes(words: Sequence[str], preset: Device) -> dict[str, Device]:
 
 def _changed_devices(devices: Mapping[str, Device], words: Sequence[str]) -> dict[str, Device]:
     """Return devices by host with the parameters that words name; raise BadTopology."""
-    given = dict(devices)
+    devices_now = dict(devices)
     for word in words:
         place, _equals, text = word.partition("=")
         host, part, name = [*place.split(".", 2), "", ""][:3]
@@ -255,22 +255,22 @@ def _changed_devices(devices: Mapping[str, Device], words: Sequence[str]) -> dic
                 f"{', '.join(IDEAL)}"
             )
         check_names(f"--device {word}: a device", [part], IDEAL, BadTopology)
-        before = given.get(host, Device())
+        before = devices_now.get(host, Device())
         changed = _changed_part(f"--device {word}", part, before, (name, text))
-        given[host] = replace(before, **{part: changed})
-    for host, device in given.items():
+        devices_now[host] = replace(before, **{part: changed})
+    for host, device in devices_now.items():
         device.check(host)
-    return given
+    return devices_now
 
 
 def _changed_part(where: str, part: str, device: Device, setting: tuple[str, str]) -> Any:
     """Return a part with one setting: its own, or NOISE.NAME of a package's noise model."""
-    (name, text), before, known = setting, getattr(device, part), IDEAL[part]
+    (name, text), before, choices = setting, getattr(device, part), IDEAL[part]
     noise, dot, parameter = name.partition(".")
     if not dot or noise not in registered(NOISE):
-        check_names(f"{where}: {part}", [name], known, BadTopology)
-        return replace(before, **{name: _value(where, name, text, known[name], of_none=tuple)})
-    check_names(f"{where}: {part}", ["noise"], known, BadTopology)
+        check_names(f"{where}: {part}", [name], choices, BadTopology)
+        return replace(before, **{name: _value(where, name, text, choices[name], of_none=tuple)})
+    check_names(f"{where}: {part}", ["noise"], choices, BadTopology)
     if before.noise not in ("", noise):
         raise BadTopology(f"{where}: {part} has the noise {before.noise}: choose one of both")
     value = _value(where, parameter, text, 0.0)

@@ -88,24 +88,24 @@ def topology(text: str) -> dict[str, str | int | bool]:
     if not is_known(name):
         raise argparse.ArgumentTypeError(f"{name!r}: {remedy(name, KNOWN)}")
     names = TOPOLOGIES[name].parameters if name in TOPOLOGIES else tuple(PARAMETERS)
-    given: dict[str, str] = {}
+    values: dict[str, str] = {}
     unnamed, last = iter(names), ""
     for word in words:
         key, named, value = word.partition("=")
         if not named and last in LISTS:
-            given[last] += f",{word}"
+            values[last] += f",{word}"
             continue
         if not named:
             key, value = (word, "true") if word in PARAMETERS else (next(unnamed, ""), word)
         if word in GONE or key not in names:
             wrong = word if word in GONE else key or word
             raise argparse.ArgumentTypeError(_no_parameter(name, wrong, names))
-        if key in given:
+        if key in values:
             raise argparse.ArgumentTypeError(
-                f"{name}: {key} is {given[key]} and {value}: name it once"
+                f"{name}: {key} is {values[key]} and {value}: name it once"
             )
-        last, given[key] = key, value
-    return {"topology": name, **{key: _parameter(key, value) for key, value in given.items()}}
+        last, values[key] = key, value
+    return {"topology": name, **{key: _parameter(key, value) for key, value in values.items()}}
 
 
 def _no_parameter(topology: str, word: str, names: Sequence[str]) -> str:
@@ -193,15 +193,17 @@ def builder(options: NetworkOptions, fiber: Mapping[str, Any]) -> Callable[[], T
     """
     name = options.topology
     sizes = {size: getattr(options, size) for size in PARAMETERS}
-    given = {
+    arguments = {
         size: value for size, value in sizes.items() if value is not None and value is not False
     }
-    own = custom_topology.is_custom(name)
-    for size in sorted(given.keys() - (given.keys() if own else set(TOPOLOGIES[name].parameters))):
+    is_own = custom_topology.is_custom(name)
+    for size in sorted(
+        arguments.keys() - (arguments.keys() if is_own else set(TOPOLOGIES[name].parameters))
+    ):
         raise BadTopology(not_of(size, name))
-    given |= fiber
+    arguments |= fiber
     more = {"preset": options.preset, "node": kind_of_all(options.node)}
-    if own:
-        given |= {key: value for key, value in more.items() if value not in ("ideal", "")}
-        return custom_topology.load(name, given)
-    return partial(TOPOLOGIES[name].build, **given, **more)
+    if is_own:
+        arguments |= {key: value for key, value in more.items() if value not in ("ideal", "")}
+        return custom_topology.load(name, arguments)
+    return partial(TOPOLOGIES[name].build, **arguments, **more)

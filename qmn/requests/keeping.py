@@ -55,24 +55,24 @@ def read_kept(
     return RecordReader(values, known, parts).read(kind)
 
 
-def read_fields(kept: "Mapping[str, Field[Any]]", given: Mapping[str, Any]) -> dict[str, Any]:
-    given = {name: value for name, value in given.items() if name not in GONE}
-    kinds = {name: each.type for name, each in kept.items()}
-    needed = [name for name, each in kept.items() if typed_json.is_needed(each)]
-    return typed_json.read_fields(kinds, needed, given, "parameters")
+def read_fields(fields_: "Mapping[str, Field[Any]]", values: Mapping[str, Any]) -> dict[str, Any]:
+    values = {name: value for name, value in values.items() if name not in GONE}
+    kinds = {name: each.type for name, each in fields_.items()}
+    needed = [name for name, each in fields_.items() if typed_json.is_needed(each)]
+    return typed_json.read_fields(kinds, needed, values, "parameters")
 
 
 def kept_fields(
     kind: "type[DataclassInstance]", parts: Parts = NO_PARTS
 ) -> "dict[str, Field[Any]]":
-    kept: dict[str, Field[Any]] = {}
+    by_name: dict[str, Field[Any]] = {}
     for each in fields(kind):
         part: Any = parts.get(each.name, each.type)
         if isinstance(part, type) and is_dataclass(part):
-            kept |= kept_fields(part, parts)
+            by_name |= kept_fields(part, parts)
         elif name := recorded_name(each):
-            kept[name] = each
-    return kept
+            by_name[name] = each
+    return by_name
 
 
 def _plain(value: Any) -> Parameter:

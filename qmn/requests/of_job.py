@@ -44,7 +44,7 @@ def request_of(job: str, parameters: Mapping[str, Any]) -> JobRequest:
 def _without_effect(verb: Verb) -> set[str]:
     """Return the options that services have and this one has not."""
     beside = {each.name for part in ServiceRequest.__mro__[1:-1] for each in fields(part)}
-    own = {each.name for part in parts_of(verb) for each in fields(part)}
+    used = {each.name for part in parts_of(verb) for each in fields(part)}
     others = {"receiver"} if verb.line else set()
     keys = set() if verb.keys else {each.name for each in fields(KeySettings)}
-    return (beside - own) | others | (set() if verb.source else {"source"}) | keys
+    return (beside - used) | others | (set() if verb.source else {"source"}) | keys

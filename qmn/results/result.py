@@ -219,8 +219,8 @@ def rows_of_every_run(facts: RunResult, folder: Path, report: str) -> dict[str, 
 
 
 def show(console: Console, facts: RunResult, folder: Path, report: str) -> None:
-    own, common = service_result.rows(facts.job), rows_of_every_run(facts, folder, report)
-    print_rows(console, {**own, **common})
+    of_service, common = service_result.rows(facts.job), rows_of_every_run(facts, folder, report)
+    print_rows(console, {**of_service, **common})
 
 
 def print_rows(console: Console, rows: dict[str, str]) -> None:

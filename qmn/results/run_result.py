@@ -69,16 +69,16 @@ class NetworkResult:
     @property
     def settings(self) -> NetworkSettings:
         """Those of the network's programs; values left out are defaults."""
-        asked = self.parameters
-        return asked if isinstance(asked, NetworkOptions) else asked.network
+        request = self.parameters
+        return request if isinstance(request, NetworkOptions) else request.network
 
     @property
     def recorded_parameters(self) -> dict[str, Any]:
         """The parameters as the file has them: of a network all options that say something."""
         if not isinstance(self.parameters, NetworkOptions):
             return kept(self.parameters)
-        given = {name: v for name, v in asdict(self.parameters).items() if name not in BESIDE}
-        return {name: value for name, value in given.items() if value not in ABSENT}
+        parameters = {name: v for name, v in asdict(self.parameters).items() if name not in BESIDE}
+        return {name: value for name, value in parameters.items() if value not in ABSENT}
 
     def write(self, folder: Path) -> None:
         """Write result.json into the folder of the network."""

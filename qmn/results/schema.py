@@ -36,11 +36,11 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 def json_schema() -> Schema:
     definitions: Schema = {}
     one_of = []
-    for kind, asked in (
+    for kind, parameters in (
         (RunResult, _requests(definitions)),
         (NetworkResult, _network(definitions)),
     ):
-        one_of.append(schema.schema_of(kind, definitions, {"parameters": asked}))
+        one_of.append(schema.schema_of(kind, definitions, {"parameters": parameters}))
     return {"$schema": DIALECT, "title": "result.json", "oneOf": one_of, "$defs": definitions}
 
 
@@ -53,10 +53,10 @@ def _requests(definitions: Schema) -> Schema:
 
     common = {**kept_fields(NetworkOptions), **kept_fields(RunOptions)}
     definitions[COMMON] = _object(common, NetworkOptions, definitions, (None,))
-    for name, kept in KEPT.items():
-        own = {name: each for name, each in kept.fields.items() if name not in common}
+    for name, entry in KEPT.items():
+        fields_ = {name: each for name, each in entry.fields.items() if name not in common}
         definitions[OF_JOB + name] = {
-            **_object(own, kept.kind, definitions, (None,)),
+            **_object(fields_, entry.kind, definitions, (None,)),
             "allOf": [{"$ref": f"#/$defs/{COMMON}"}],
             "unevaluatedProperties": False,
         }
@@ -64,22 +64,22 @@ def _requests(definitions: Schema) -> Schema:
 
 
 def _network(definitions: Schema) -> Schema:
-    kept = {each.name: each for each in fields(NetworkOptions) if each.name not in BESIDE}
-    return {**_object(kept, NetworkOptions, definitions, ABSENT), "additionalProperties": False}
+    options = {each.name: each for each in fields(NetworkOptions) if each.name not in BESIDE}
+    return {**_object(options, NetworkOptions, definitions, ABSENT), "additionalProperties": False}
 
 
 def _object(
-    kept: Mapping[str, Any], kind: type[Any], definitions: Schema, absent: tuple[object, ...]
+    fields_: Mapping[str, Any], kind: type[Any], definitions: Schema, absent: tuple[object, ...]
 ) -> Schema:
     """Return the schema of fields by name, without values that are absent."""
-    always = (name for name, each in kept.items() if each.default not in absent)
+    always = (name for name, each in fields_.items() if each.default not in absent)
     return {
         "type": "object",
         "description": " ".join((kind.__doc__ or "").split()),
         "properties": {
-            name: schema.schema_of(_there(f.type), definitions) for name, f in kept.items()
+            name: schema.schema_of(_there(f.type), definitions) for name, f in fields_.items()
         },
-        "required": sorted(name for name in always if "of" not in declared(kept[name])),
+        "required": sorted(name for name in always if "of" not in declared(fields_[name])),
     }
 
 
@@ -96,26 +96,29 @@ def read_left(folder: Path) -> NetworkResult:
     return of_either_kind(schema.decoded(folder / RESULT))
 
 
-def of_either_kind(given: Any) -> NetworkResult:
+def of_either_kind(content: Any) -> NetworkResult:
     """Return the result of a run or of a network; raise MalformedPacket for anything else."""
-    given, head = _renamed(given), schema.head_of(given)
-    if missing := [name for name in (*BESIDE, "parameters") if name not in given]:
+    content, head = _renamed(content), schema.head_of(content)
+    if missing := [name for name in (*BESIDE, "parameters") if name not in content]:
         raise MalformedPacket(f"the result has no {', '.join(missing)}")
-    return read_run(given) if head.service is not None else _read_network(given)
+    return read_run(content) if head.service is not None else _read_network(content)
 
 
-def read_run(given: dict[str, Any]) -> RunResult:
+def read_run(content: dict[str, Any]) -> RunResult:
     """Return the result of a run as decoded JSON says it; raise MalformedPacket for others."""
     from qmn.requests.kinds import KEPT, job_of
 
-    given = _renamed({**given, "service": RENAMED.get(given["service"], given["service"])})
-    head, known = schema.head_of(given), {name: given.get(name) for name in (*BESIDE, "backend")}
-    kept = KEPT.get(job_of(head.service or "", head.job))
-    if kept is None:
+    content = _renamed({**content, "service": RENAMED.get(content["service"], content["service"])})
+    head, fields_read = (
+        schema.head_of(content),
+        {name: content.get(name) for name in (*BESIDE, "backend")},
+    )
+    entry = KEPT.get(job_of(head.service or "", head.job))
+    if entry is None:
         service = head.service or ""
         raise MalformedPacket(f"unknown service {service!r}: {remedy(service, KEPT)}")
-    parameters = kept.read(head.parameters, **known)
-    return typed_json.read(RunResult, {**given, "parameters": parameters})
+    parameters = entry.read(head.parameters, **fields_read)
+    return typed_json.read(RunResult, {**content, "parameters": parameters})
 
 
 def _renamed(value: Any, depth: int = 1) -> Any:
@@ -129,9 +132,9 @@ def _renamed(value: Any, depth: int = 1) -> Any:
 
 
 def _read_network(content: dict[str, Any]) -> NetworkResult:
-    kept = {each.name: each for each in fields(NetworkOptions) if each.name not in BESIDE}
+    fields_ = {each.name: each for each in fields(NetworkOptions) if each.name not in BESIDE}
     beside = {name: content[name] for name in BESIDE if content[name] is not None}
-    options = NetworkOptions(**read_fields(kept, content["parameters"]), **beside)
+    options = NetworkOptions(**read_fields(fields_, content["parameters"]), **beside)
     return typed_json.read(NetworkResult, {**content, "parameters": options})
 
 

@@ -63,9 +63,9 @@ def switch_statistics(network: Network) -> dict[str, SwitchStatisticsReply]:
 
 def switch_conditions(network: Network) -> dict[str, SwitchCondition]:
     with _asking(network) as (stub, options):
-        found = {}
+        conditions = {}
         for name in network.runtime.switches:
             stream = stub.WatchSwitch(WatchSwitchRequest(switch=name), **options)
-            found[name] = next(iter(stream))
+            conditions[name] = next(iter(stream))
             stream.cancel()
-    return found
+    return conditions

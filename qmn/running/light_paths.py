@@ -8,22 +8,22 @@ from qmn.running.tables import far_end, path_row, switch_port, table
 
 
 def ask_and_show(as_json: bool) -> None:
-    known = {**ask("paths"), "sessions": ask("sessions")}
+    reply = {**ask("paths"), "sessions": ask("sessions")}
     if as_json:
-        print(json.dumps(known, indent=2))
+        print(json.dumps(reply, indent=2))
         return
     names = {device["dpid"]: device["name"] for device in ask("devices") if "dpid" in device}
-    show(known, names)
+    show(reply, names)
 
 
-def show(known: dict[str, Any], names: dict[str, str]) -> None:
+def show(reply: dict[str, Any], names: dict[str, str]) -> None:
     """Print tables; names are those of the switches, by datapath id."""
     console = wide_console()
     columns = ("session", "from", "to", "pairs of", "light from", "to", "loss", "by")
-    title = "light paths" if known["paths"] else "light paths: none"
-    console.print(table(title, columns, [path_row(path, names) for path in known["paths"]]))
-    lit = {path["session"] for path in known["paths"]}
-    for session in known["sessions"]:
+    title = "light paths" if reply["paths"] else "light paths: none"
+    console.print(table(title, columns, [path_row(path, names) for path in reply["paths"]]))
+    lit = {path["session"] for path in reply["paths"]}
+    for session in reply["sessions"]:
         if session["session"] not in lit:
             why = "waits for light" if session["waits_for_light"] else "has no light path now"
             console.print(f"{session['session']}, {session['from']} to {session['to']}: {why}")
@@ -33,6 +33,6 @@ def show(known: dict[str, Any], names: dict[str, str]) -> None:
             far_end(fiber["to"], names),
             "whole" if fiber["up"] else "cut",
         ]
-        for fiber in known["fibers"]
+        for fiber in reply["fibers"]
     ]
     console.print(table("fibres", ("switch port", "to", ""), rows))

@@ -110,28 +110,28 @@ def _tried(name: str, without: str, command: list[str], remedy: str) -> Finding:
 
 
 def packages() -> Finding:
-    wanted = (ROOT / "apt-packages.txt").read_text().split()
+    names = (ROOT / "apt-packages.txt").read_text().split()
     if shutil.which("dpkg-query") is None:
         return Finding("packages", LIMITED, "no Debian-like system", "use MODE=docker")
     form = "${db:Status-Status} ${Package}\n"
-    _status, words = _run("dpkg-query", "-W", "-f", form, *wanted)
+    _status, words = _run("dpkg-query", "-W", "-f", form, *names)
     installed = {line.split()[1] for line in words.splitlines() if line.startswith("installed ")}
-    missing = sorted(set(wanted) - installed)
+    missing = sorted(set(names) - installed)
     if missing:
         return Finding("packages", FAILS, f"missing: {', '.join(missing)}", SETUP)
-    return Finding("packages", WORKS, f"{len(wanted)} of apt-packages.txt are installed")
+    return Finding("packages", WORKS, f"{len(names)} of apt-packages.txt are installed")
 
 
 def python_packages() -> Finding:
     """Packages of the programs: Mininet, of Debian, and what pyproject.toml lists."""
     needed = [each for each in project()["dependencies"] if ";" not in each]
-    wanted = [re.split(r"[^\w.-]", each)[0] for each in needed]
+    names = [re.split(r"[^\w.-]", each)[0] for each in needed]
     missing = [] if find_spec("mininet") else ["mininet"]
-    missing += [name for name in wanted if not _installed(name)]
+    missing += [name for name in names if not _installed(name)]
     if missing:
         return Finding("Python packages", FAILS, f"missing: {', '.join(missing)}", PIP)
-    found = f"mininet and {len(wanted)} of pyproject.toml are installed"
-    return Finding("Python packages", WORKS, found)
+    text = f"mininet and {len(names)} of pyproject.toml are installed"
+    return Finding("Python packages", WORKS, text)
 
 
 def _installed(distribution: str) -> bool:
@@ -168,10 +168,10 @@ def running_networks() -> Finding:
     """Whether networks run: there can be several, each in namespaces of its own."""
     name = "running networks"
     try:
-        found = namespaces.running()
+        networks = namespaces.running()
     except NetworkError as error:
         return Finding(name, UNCHECKED, str(error), SUDO)
-    return Finding(name, WORKS, ", ".join(map(str, found)) or "none")
+    return Finding(name, WORKS, ", ".join(map(str, networks)) or "none")
 
 
 def _run(*command: str) -> tuple[int, str]:

@@ -71,10 +71,10 @@ def left_of_killed(folder: Path) -> dict[str, Any] | None:
     """
     if (folder / RESULT).exists() or not (folder / BEGUN).exists():
         return None
-    runner, known = schema.read_begun(folder)
+    runner, facts = schema.read_begun(folder)
     if not keeper_is_gone(runner):
         return None
-    return {**known, "error": KILLED}
+    return {**facts, "error": KILLED}
 
 
 def announced_folders(root: Path = RUNTIME_ROOT) -> set[Path]:

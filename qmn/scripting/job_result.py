@@ -25,10 +25,10 @@ class JobResult(RunResult, Tabular):
     @property
     def stated_parameters(self) -> dict[str, Any]:
         """The parameters that are not at their defaults."""
-        asked = self.parameters
-        parts = {"options": type(getattr(asked, "options", None))}
-        defaults = {name: each.default for name, each in kept_fields(type(asked), parts).items()}
-        return {name: v for name, v in kept(asked).items() if v not in (defaults[name], [])}
+        request = self.parameters
+        parts = {"options": type(getattr(request, "options", None))}
+        defaults = {name: each.default for name, each in kept_fields(type(request), parts).items()}
+        return {name: v for name, v in kept(request).items() if v not in (defaults[name], [])}
 
     def rows(self) -> Sequence[Row]:
         """Return one row."""

@@ -95,8 +95,10 @@ def _along(fiber: Fiber, begin: FiberEnd) -> Hop:
 
 
 def _across(switch: str, in_port: int, out_port: int, condition: SwitchCondition) -> Hop:
-    own = [each for each in condition.paths if (each.in_port, each.out_port) == (in_port, out_port)]
-    optics = own[0] if own else condition
+    paths = [
+        each for each in condition.paths if (each.in_port, each.out_port) == (in_port, out_port)
+    ]
+    optics = paths[0] if paths else condition
     names = f"{switch}:{in_port}", f"{switch}:{out_port}"
     return Hop(switch, *names, 0.0, optics.loss_db, Pauli(optics.rotation))
 
@@ -116,13 +118,13 @@ def fiber_state(
     if near := at_b or at_a:
         far = at_a if near is at_b else at_b
         loss_db = (far.power_dbm if far else 0.0) - near.rx_power_dbm  # a host launches 0 dBm
-    known = [up[end.node, int(end.port)] for end in ports if (end.node, int(end.port)) in up]
+    states = [up[end.node, int(end.port)] for end in ports if (end.node, int(end.port)) in up]
     return FiberState(
         port_name(fiber.a),
         port_name(fiber.b),
         fiber.length_km,
         loss_db,
-        all(known) if known else None,
+        all(states) if states else None,
         photons_to_a=at_a.photons_in if at_a else at_b.photons_out if at_b else None,
         photons_to_b=at_b.photons_in if at_b else at_a.photons_out if at_a else None,
         lost_in_switches=sum(port.photons_lost for port in ports.values()) if ports else None,

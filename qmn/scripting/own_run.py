@@ -34,10 +34,10 @@ def run(job: str, *words: str, folder: Path | str | None = None, **options: Any)
     stays. Raise BadInput for what cannot be, NetworkError if it fails, in the words of `qmn`.
     """
     verb = [job] if job in VERBS else ["run", job]
-    given = [word for name, value in options.items() for word in option_words(name, value)]
+    arguments = [word for name, value in options.items() for word in option_words(name, value)]
     with TemporaryDirectory(prefix="qmn-run-") as scratch:
         runs = Path(folder or scratch).absolute()
-        command = [*verb, *words, *given, "--runs", str(runs)]
+        command = [*verb, *words, *arguments, "--runs", str(runs)]
         left = carry_out(job, command, runs, Path(scratch) / "output")
         result = read_left(left)
     assert isinstance(result, RunResult)  # `qmn run` leaves no other
@@ -92,8 +92,8 @@ def carry_out(
 
 
 def _folders(runs: Path) -> set[Path]:
-    found = runs.iterdir() if runs.exists() else ()
-    return {path for path in found if path.is_dir() and not path.is_symlink()}
+    paths = runs.iterdir() if runs.exists() else ()
+    return {path for path in paths if path.is_dir() and not path.is_symlink()}
 
 
 def _why(output: str) -> str:

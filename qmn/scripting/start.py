@@ -83,10 +83,10 @@ def start_for(
     """
     find_tools()
     of_machines = {name: options.pop(name) for name in MACHINES if name in options}
-    wanted = network_for(job, options)
+    needs = network_for(job, options)
     with (
         TemporaryDirectory(prefix="qmn-policy-") as policies,
-        _standing(wanted.made, wanted.description(Path(policies)), folder, of_machines) as network,
+        _standing(needs.made, needs.description(Path(policies)), folder, of_machines) as network,
     ):
         yield network
 

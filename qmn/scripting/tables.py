@@ -53,9 +53,9 @@ def rows_of(thing: object) -> Sequence[Row]:
 
 def row_of(thing: Any) -> Row:
     """Return the fields and properties of a dataclass that are a number or a text."""
-    own = [each.name for each in fields(thing)]
+    names = [each.name for each in fields(thing)]
     more = [name for name, made in vars(type(thing)).items() if isinstance(made, property)]
-    every = ((name, getattr(thing, name)) for name in (*own, *more))
+    every = ((name, getattr(thing, name)) for name in (*names, *more))
     return {name: value for name, value in every if isinstance(value, SIMPLE)}
 
 

@@ -91,12 +91,12 @@ def start_and_obey(
     extras: CliOptions,
 ) -> int:
     """Return the exit status: of a script 1 if a command has failed."""
-    for program, own in beside:
-        options = program.network(own, options)
+    for program, chosen in beside:
+        options = program.network(chosen, options)
     check_network(options)
     options = replace(options, time=options.time or PACED)
     description = describe_network(options).paced_for(*where.against_steps)
-    starts = [program.prepare(own, description.hosts) for program, own in beside]
+    starts = [program.prepare(chosen, description.hosts) for program, chosen in beside]
     require_free(description.topo)
     folder = begin_folder(extras.runs, short_name(options.topology))
     try:

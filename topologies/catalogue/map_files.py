@@ -47,12 +47,12 @@ def read_file(path: Path) -> Map:
 
 def _graphml(path: Path, graph: Any) -> Map:
     """Return the map of a GraphML file: names are labels, lengths `dist` (km), or great circles."""
-    known = {
+    drawn = {
         node: position
         for node, info in graph.nodes(data=True)
         if (position := _position(path, node, info))
     }
-    places = _filled(known, {node: set(graph.to_undirected(as_view=True)[node]) for node in graph})
+    places = _filled(drawn, {node: set(graph.to_undirected(as_view=True)[node]) for node in graph})
 
     def length_km(one: str, other: str, info: Mapping[str, Any]) -> float:
         if "dist" in info:
@@ -89,12 +89,12 @@ def _filled(
     Places whose neighbours have none either come after these.
     """
     filled = dict(positions)
-    while found := {
+    while between := {
         node: _middle([filled[each] for each in sorted(others) if each in filled])
         for node, others in neighbors.items()
         if node not in filled and others & filled.keys()
     }:
-        filled |= found
+        filled |= between
     return filled
 
 

@@ -51,8 +51,8 @@ class Map:
         for place in self.places:
             if spelling(name) in (place.name, spelling(place.called)):
                 return place
-        known = [place.name for place in self.places]
-        raise BadMap(f"map {self.name} has no place {name!r}: {remedy(name, known)}")
+        names = [place.name for place in self.places]
+        raise BadMap(f"map {self.name} has no place {name!r}: {remedy(name, names)}")
 
 
 def spelling(name: str) -> str:

@@ -34,9 +34,9 @@ def read_map(name: str) -> Map:
 
 def positions(read: Map) -> dict[str, Position]:
     """Return where each place is: as the map says, or neighbours beside each other."""
-    known = {each.name: each.position for each in read.places if each.position is not None}
-    if len(known) == len(read.places):
-        return known
+    located = {each.name: each.position for each in read.places if each.position is not None}
+    if len(located) == len(read.places):
+        return located
     import networkx
 
     graph = networkx.Graph((link.one, link.other) for link in read.links)
@@ -68,17 +68,19 @@ ALIKE = 0.7  # names at least so much are a slip of the finger, by difflib's rat
 
 def _key(name: str, groups: Mapping[str, Iterable[str]]) -> str:
     """Return the key of a map by its name, or by what it begins with: then the newest of them."""
-    wanted = name.lower()
-    known = {f"{group}/{each}": each.lower() for group, names in groups.items() for each in names}
-    for key, each in known.items():
-        if wanted == each:
+    lower = name.lower()
+    names_of_maps = {
+        f"{group}/{each}": each.lower() for group, names in groups.items() for each in names
+    }
+    for key, each in names_of_maps.items():
+        if lower == each:
             return key
     dated = sorted(
-        key for key, each in known.items() if re.fullmatch(rf"{re.escape(wanted)}\d+", each)
+        key for key, each in names_of_maps.items() if re.fullmatch(rf"{re.escape(lower)}\d+", each)
     )
     if dated:
         return dated[-1]
-    near = get_close_matches(wanted, known.values(), 5, ALIKE) or WELL_KNOWN
+    near = get_close_matches(lower, names_of_maps.values(), 5, ALIKE) or WELL_KNOWN
     raise BadMap(
         f"there is no map {name!r}: choose one of topohub's, such as {', '.join(near)}, "
         "or a file, .graphml or SeQUeNCe's .json"
@@ -93,13 +95,13 @@ def _checked(read: Map) -> Map:
     """Return the map if each place can be reached from each; raise BadMap if not."""
     if not read.places:
         raise BadMap(f"map {read.name} has no places")
-    reached, found = [read.places[0].name], {read.places[0].name}
+    reached, joined = [read.places[0].name], {read.places[0].name}
     for name in reached:  # grows
         for link in read.links:
             if name in (link.one, link.other):
-                new = {link.one, link.other} - found
-                found |= new
+                new = {link.one, link.other} - joined
+                joined |= new
                 reached += new
-    if apart := [place.name for place in read.places if place.name not in found]:
+    if apart := [place.name for place in read.places if place.name not in joined]:
         raise BadMap(f"map {read.name}: no way from {reached[0]} to {', '.join(apart)}")
     return read

@@ -77,8 +77,8 @@ def optics_of(name: str, options: Mapping[str, Any]) -> QuantumSwitch:
     """
     preset = options.get("preset") or "ideal"
     check_choice(f"{name}: preset", preset, SWITCH_PRESETS, BadParameter)
-    own = {each: options[each] for each in OPTICS & options.keys()}
-    paths = list(own.pop("paths", ()))
-    switch = QuantumSwitch(name, **{**SWITCH_PRESETS[preset].optics, **own}, paths=paths)
+    settings = {each: options[each] for each in OPTICS & options.keys()}
+    paths = list(settings.pop("paths", ()))
+    switch = QuantumSwitch(name, **{**SWITCH_PRESETS[preset].optics, **settings}, paths=paths)
     switch.check()
     return switch

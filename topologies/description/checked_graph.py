@@ -101,10 +101,10 @@ def check_link(one: str, other: str, info: Info) -> None:
     kind = info.get("cls") or CopperLink
     if not is_ours(kind):
         return
-    given = info.keys() - OF_LINKS
+    settings = info.keys() - OF_LINKS
     if is_made(info, FiberLink):
         where = f"fibre {one} to {other}"
-        refuse_unknown(where, given, kind, Intf, also=FIBER_OPTICS)
-        resolved(optics(where, **{name: info[name] for name in FIBER_OPTICS & given}))
+        refuse_unknown(where, settings, kind, Intf, also=FIBER_OPTICS)
+        resolved(optics(where, **{name: info[name] for name in FIBER_OPTICS & settings}))
     else:
-        refuse_unknown(f"copper {one} to {other}", given, kind, Intf)
+        refuse_unknown(f"copper {one} to {other}", settings, kind, Intf)

@@ -48,14 +48,16 @@ def check_clashes(content: Content) -> None:
     _refuse_loops(content)
 
 
-def _refuse_same(what: str, own: str, values: Mapping[str, str]) -> None:
+def _refuse_same(what: str, what_else: str, values: Mapping[str, str]) -> None:
     """Raise BadParameter for a value that several nodes have."""
     having = defaultdict[str, list[str]](list)
     for name, value in values.items():
         having[value].append(name)
     for value, names in having.items():
         if len(names) > 1:
-            raise BadParameter(f"{' and '.join(names)} have one {what}, {value}: give each {own}")
+            raise BadParameter(
+                f"{' and '.join(names)} have one {what}, {value}: give each {what_else}"
+            )
 
 
 def _check_link(link: Link) -> None:
@@ -158,8 +160,8 @@ def _refuse_left_out(content: Content, lit: list[Node], dispatcher: Node) -> Non
 
 def _remedy(end: Node, centre: str) -> str:
     if end.is_switch and not issubclass(end.kind, ClassicalSwitch):
-        own = f'addSwitch("{end.name}", cls=ClassicalSwitch)'
-        return f"make {end.name}, and each other switch of copper, of ours, as {own}"
+        example = f'addSwitch("{end.name}", cls=ClassicalSwitch)'
+        return f"make {end.name}, and each other switch of copper, of ours, as {example}"
     return f'join the switches, as addLink("{end.name}", "{centre}")'
 
 

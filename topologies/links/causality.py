@@ -26,17 +26,17 @@ def worst(network: Runtime) -> Early | None:
     """
     light, news = ways_of_light(network), ways_of_news(network)
     least_s = least_delay_s(network.time)
-    found: list[Early] = []
+    early: list[Early] = []
     for origin in (node for node in light if node not in network.switches):
         by_light, by_news = shortest(light, origin), shortest(news, origin)
-        found += [
+        early += [
             Early(origin, receiver, light_s - by_news[receiver])
             for receiver, light_s in by_light.items()
             if receiver != origin
             if receiver in by_news
             if light_s - by_news[receiver] >= least_s
         ]
-    return max(found, key=lambda each: each.early_s, default=None)
+    return max(early, key=lambda each: each.early_s, default=None)
 
 
 def ways_of_light(network: Runtime) -> Distances:
@@ -58,5 +58,5 @@ def ways_of_news(network: Runtime) -> Distances:
 
 def _join(distances: Distances, one: str, other: str, delay_s: float) -> None:
     for near, far in ((one, other), (other, one)):
-        known = distances.setdefault(near, {})
-        known[far] = min(delay_s, known.get(far, delay_s))
+        distances_here = distances.setdefault(near, {})
+        distances_here[far] = min(delay_s, distances_here.get(far, delay_s))

@@ -90,7 +90,7 @@ def centre(fibers: Distances, nodes: list[str]) -> str | None:
     """
     if not nodes:
         return None
-    wanted = set(nodes)
+    candidates = set(nodes)
     farthest: dict[str, float] = {}  # of those that were looked at
     least = dict.fromkeys(sorted(fibers), 0.0)  # that it can be, of the others
     while least:
@@ -101,6 +101,6 @@ def centre(fibers: Distances, nodes: list[str]) -> str | None:
         farthest[place] = max(reached.get(node, inf) for node in nodes)
         for other in least.keys() & reached.keys():
             way = reached[other]
-            bound = max(farthest[place] - way, way if place in wanted else 0.0)
+            bound = max(farthest[place] - way, way if place in candidates else 0.0)
             least[other] = max(least[other], bound * (1 - ROUNDING))
     return min(sorted(farthest), key=farthest.__getitem__)

@@ -56,9 +56,9 @@ class FiberLink(Channel):
 
     def __init__(self, node1: Node, node2: Node, **params: object) -> None:
         where = f"fibre {node1.name} to {node2.name}"
-        given = {name: params.pop(name) for name in OPTICS & params.keys()}
+        optics_given = {name: params.pop(name) for name in OPTICS & params.keys()}
         refuse_unknown(where, params, type(self), Intf, also=sorted(OPTICS))
-        described = resolved(optics(where, **given))
+        described = resolved(optics(where, **optics_given))
         super().__init__(node1, node2, **quick({**params, **_names(node1, node2)}))
         ports = [node.ports[end] for node, end in ((node1, self.intf1), (node2, self.intf2))]
         if described.channels > 1 and max(ports) >= PORTS_PER_CHANNEL:

@@ -23,12 +23,12 @@ def refuse_unknown(
 
     `also` are others that are known. The error names those that are not Mininet's, if any are.
     """
-    own = [each for kind in kinds for each in kind.__mro__ if not _is_mininets(each)]
-    ours = {*also, *_taken(own)}
-    known = {*ours, *FROM_MININET, *_taken(each for kind in kinds for each in kind.__mro__)}
-    for name in sorted(set(names) - known):
-        choices = sorted((ours or known) - {"name", "node1", "node2"})
-        raise BadParameter(f"{where} has no {name}: {remedy(name, sorted(known), choices)}")
+    classes = [each for kind in kinds for each in kind.__mro__ if not _is_mininets(each)]
+    ours = {*also, *_taken(classes)}
+    keywords = {*ours, *FROM_MININET, *_taken(each for kind in kinds for each in kind.__mro__)}
+    for name in sorted(set(names) - keywords):
+        choices = sorted((ours or keywords) - {"name", "node1", "node2"})
+        raise BadParameter(f"{where} has no {name}: {remedy(name, sorted(keywords), choices)}")
 
 
 def _is_mininets(kind: type) -> bool:

@@ -68,17 +68,17 @@ def ends_between(
 
     None of those that end at a switch which is not of these: our controller does not know them.
     """
-    found: dict[SwitchEnd, str] = {}
+    by_end: dict[SwitchEnd, str] = {}
     for fiber in fibers:
         ends = [end for end in (fiber.a, fiber.b) if end.port.isdecimal()]
         if {fiber.a.node, fiber.b.node} == {a, b} and all(end.node in datapath_ids for end in ends):
-            found |= {
+            by_end |= {
                 SwitchEnd(f"{datapath_ids[end.node]:016x}", int(end.port)): (
                     f"{end.node}-eth{end.port}"
                 )
                 for end in ends
             }
-    return found
+    return by_end
 
 
 @contextmanager

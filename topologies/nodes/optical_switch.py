@@ -54,9 +54,9 @@ class OpticalSwitch(ClassicalSwitch):
         preset: str = "",
         **params: Any,
     ) -> None:
-        given = {each: params.pop(each) for each in OPTICS & params.keys()}
+        settings = {each: params.pop(each) for each in OPTICS & params.keys()}
         refuse_unknown(name, params, type(self), also=sorted(OPTICS))
-        optics = optics_of(name, {**given, "preset": preset})
+        optics = optics_of(name, {**settings, "preset": preset})
         if controller_port is not None:
             check_number(f"{name}: controller_port", controller_port, 1, 65_535, BadParameter)
         super().__init__(name, **params)
@@ -65,7 +65,7 @@ class OpticalSwitch(ClassicalSwitch):
         self.network.token(name)
         self.controller_port = controller_port
         self.hardware = hardware
-        self.hardware_ports = {str(port): [*own] for port, own in (hardware_ports or {}).items()}
+        self.hardware_ports = {str(port): [*lane] for port, lane in (hardware_ports or {}).items()}
         if controller_port is not None:
             self.network.programmed_elsewhere.add(name)
             del self.network.bridges[name]

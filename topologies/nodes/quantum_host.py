@@ -46,12 +46,12 @@ def device_of(name: str, params: Mapping[str, Any]) -> Device:
     if not isinstance(device, Device | None):
         raise BadParameter(f"{name}: device {device!r} is not a Device")
     parts = {part: params.get(part) for part in PARTS}
-    given = {
+    settings = {
         part: value
         for part, value in parts.items()
         if value is not None and not isinstance(value, bool)
     }
-    described = replace(device or Device(), **given)
+    described = replace(device or Device(), **settings)
     described.check(name)
     return described
 
@@ -102,10 +102,10 @@ class QuantumHost(ClassicalHost):
         return {**super().environment(), "QMN_STACK": self.network.socket(self.name)}
 
     def shown_folders(self) -> dict[Path, str]:
-        own, keys = self.network.own_folder(self.name), Path(self.network.key_folder(self.name))
+        folder, keys = self.network.own_folder(self.name), Path(self.network.key_folder(self.name))
         time = self.network.time
         clock = {Path(time.folder): READ} if isinstance(time, SteppedTime) else {}
-        return {own: READ, keys: READ, **clock, self.network.written_folder(self.name): WRITTEN}
+        return {folder: READ, keys: READ, **clock, self.network.written_folder(self.name): WRITTEN}
 
     def config(self, **params: object) -> dict[str, object]:
         result = super().config(**params)

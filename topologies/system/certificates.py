@@ -70,9 +70,11 @@ class CertificateAuthority:
         names = [x509.DNSName(host) for host in (*(addresses or {}), *also)]
         if addresses:
             usages.append(ExtendedKeyUsageOID.SERVER_AUTH)
-        own = [x509.IPAddress(ipaddress.ip_address(each)) for each in (addresses or {}).values()]
+        by_address = [
+            x509.IPAddress(ipaddress.ip_address(each)) for each in (addresses or {}).values()
+        ]
         if names:
-            alternatives = x509.SubjectAlternativeName([*names, *own])
+            alternatives = x509.SubjectAlternativeName([*names, *by_address])
             builder = builder.add_extension(alternatives, critical=False)
         builder = builder.add_extension(x509.ExtendedKeyUsage(usages), critical=False)
         files = CertificateFiles(self._folder / f"{name}.pem", self._folder / f"{name}.key")
@@ -213,7 +215,7 @@ def _alternatives(
 ) -> set[str]:
     try:
         extensions = certificate.extensions
-        found = extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        alternatives = extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except x509.ExtensionNotFound:
         return set()
-    return {str(each) for each in found.get_values_for_type(kind)}
+    return {str(each) for each in alternatives.get_values_for_type(kind)}

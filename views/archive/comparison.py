@@ -24,10 +24,10 @@ def parameters(one: Path, two: Path) -> list[Row]:
 
 
 def _sent(run: Path) -> dict[str, str]:
-    given = schema.head_of(_result(run)).job.get("message")
-    if given is None:
+    message_fields = schema.head_of(_result(run)).job.get("message")
+    if message_fields is None:
         return {}
-    message = typed_json.read(Message, given, "job.message")
+    message = typed_json.read(Message, message_fields, "job.message")
     digest = message.sha256_sent
     identity = f"SHA-256 {digest[:DIGITS]}" if digest else Path(message.file).name
     return {"message": f"{message.bytes:,} bytes, {identity}"}
@@ -74,15 +74,15 @@ def _result(run: Path) -> dict[str, Any]:
 
 def _plain(values: Mapping[str, Any], names: Any) -> dict[str, Any]:
     """Return values without depth: {"path_setup_ms": {"p50": 1}} is {"path_setup_ms p50": 1}."""
-    found: dict[str, Any] = {}
+    by_name: dict[str, Any] = {}
     for name in names:
         value = values.get(name)
         if isinstance(value, Mapping):
             prefix = "" if name in ("parameters", "job") else f"{name} "
-            found |= {f"{prefix}{key}": each for key, each in _plain(value, value).items()}
+            by_name |= {f"{prefix}{key}": each for key, each in _plain(value, value).items()}
         elif isinstance(value, int | float | str | bool) or name in values:
-            found[name] = value
-    return found
+            by_name[name] = value
+    return by_name
 
 
 def _number(value: Any) -> bool:

@@ -45,8 +45,8 @@ class Run:
     @property
     def parameters(self) -> dict[str, Any]:
         """Return the parameters that are not the default."""
-        found: dict[str, Any] = json.loads(self.changed)
-        return found
+        values: dict[str, Any] = json.loads(self.changed)
+        return values
 
 
 def runs_in(folder: Path) -> list[Run]:
@@ -54,21 +54,21 @@ def runs_in(folder: Path) -> list[Run]:
 
     Raise OSError if the folder cannot be read.
     """
-    found = {path.name: path for path in folder.iterdir() if is_run(path)}
+    paths = {path.name: path for path in folder.iterdir() if is_run(path)}
     with _opened(folder / INDEX) as index:
-        known = {row[0]: Run(*row) for row in index.execute("SELECT * FROM runs")}
+        indexed = {row[0]: Run(*row) for row in index.execute("SELECT * FROM runs")}
         stale = [
             name
-            for name, path in found.items()
-            if name not in known
-            or known[name].result_ns != _result_ns(path)
+            for name, path in paths.items()
+            if name not in indexed
+            or indexed[name].result_ns != _result_ns(path)
             or not _result_ns(path)
         ]
-        gone = [(name,) for name in known if name not in found]
+        gone = [(name,) for name in indexed if name not in paths]
         index.executemany("DELETE FROM runs WHERE name = ?", gone)
-        made = {name: read_run(found[name]) for name in stale}
+        made = {name: read_run(paths[name]) for name in stale}
         _store(index, made.values())
-    current = {**{name: run for name, run in known.items() if name in found}, **made}
+    current = {**{name: run for name, run in indexed.items() if name in paths}, **made}
     return sorted(current.values(), key=lambda run: (run.began, run.name))
 
 
@@ -110,10 +110,10 @@ def differing(head: Head) -> dict[str, Parameter]:
 
 
 def _defaults(head: Head) -> dict[str, Any]:
-    known = {each.name: each for each in fields(NetworkOptions)}
-    if kept := KEPT.get(job_of(head.service or "", head.job)):
-        known |= kept.fields
-    return {name: each.default for name, each in known.items()}
+    options = {each.name: each for each in fields(NetworkOptions)}
+    if entry := KEPT.get(job_of(head.service or "", head.job)):
+        options |= entry.fields
+    return {name: each.default for name, each in options.items()}
 
 
 def outcome(head: Head) -> str:
@@ -145,10 +145,10 @@ def _connected(file: Path) -> sqlite3.Connection:
     index = sqlite3.connect(file)
     try:
         index.execute(f"CREATE TABLE IF NOT EXISTS runs ({COLUMNS})")
-        found = [row[1] for row in index.execute("PRAGMA table_info(runs)")]
+        columns = [row[1] for row in index.execute("PRAGMA table_info(runs)")]
     except sqlite3.DatabaseError:
-        found = []
-    if found == [each.name for each in fields(Run)]:
+        columns = []
+    if columns == [each.name for each in fields(Run)]:
         return index
     index.close()
     file.unlink()

@@ -64,8 +64,8 @@ def find_run(text: str, runs: Path = RUNS) -> Path:
 
 
 def _newest_first(folder: Path) -> list[str]:
-    found = folder.iterdir() if folder.is_dir() else ()
-    return sorted((path.name for path in found if is_run(path)), reverse=True)
+    paths = folder.iterdir() if folder.is_dir() else ()
+    return sorted((path.name for path in paths if is_run(path)), reverse=True)
 
 
 def _some(names: Iterable[str]) -> str:

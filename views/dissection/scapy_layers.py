@@ -104,8 +104,8 @@ class QEvent(Packet):
 
 def _element_layer(tail: Tail, owner: str) -> type[Packet]:
     fields = [scapy_field(described) for described in tail.element]
-    own = {"fields_desc": fields, "extract_padding": lambda _packet, data: (b"", data)}
-    return type(f"{owner}{tail.name.title()}", (Packet,), {**own, "name": tail.name})
+    members = {"fields_desc": fields, "extract_padding": lambda _packet, data: (b"", data)}
+    return type(f"{owner}{tail.name.title()}", (Packet,), {**members, "name": tail.name})
 
 
 def _tail_fields(kind: Layout, prefix: str) -> list[Field[Any, Any]]:

@@ -92,5 +92,5 @@ def recorded(file: Path, follow: bool) -> Iterator[Event]:
             time.sleep(WATCH_POLL_S)
 
 
-def single(wanted: Collection[T] | None, every: T) -> T:
-    return next(iter(wanted)) if wanted and len(wanted) == 1 else every
+def single(chosen: Collection[T] | None, every: T) -> T:
+    return next(iter(chosen)) if chosen and len(chosen) == 1 else every

@@ -101,11 +101,11 @@ def open_browser(address: str) -> None:
     if user == "root" or opener is None:
         return
     file = redirect(address, pwd.getpwnam(user))
-    own = {"XDG_RUNTIME_DIR": f"/run/user/{os.environ['SUDO_UID']}"}  # sudo leaves it out
+    variables = {"XDG_RUNTIME_DIR": f"/run/user/{os.environ['SUDO_UID']}"}  # sudo leaves it out
     subprocess.run(
         ["setsid", "--fork", "runuser", "-u", user, "--", opener, file.as_uri()],
         check=False,
-        env={name: os.environ[name] for name in DESKTOP if name in os.environ} | own,
+        env={name: os.environ[name] for name in DESKTOP if name in os.environ} | variables,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

@@ -27,7 +27,7 @@ QMN_LIVE = [python(), "-m", "qmn", "live"]
 
 @contextmanager
 def live_view(
-    wanted: bool, folder: Path, say: Say = SAY, *, for_all: bool = False
+    opens: bool, folder: Path, say: Say = SAY, *, for_all: bool = False
 ) -> Iterator[None]:
     """Serve the page of the network that runs, and say where, as long as this lasts.
 
@@ -40,7 +40,7 @@ def live_view(
     with ExitStack() as stack:
         if pages is not None:
             stack.enter_context(_page_among(pages, folder.name, folder))
-        elif wanted or for_all:
+        elif opens or for_all:
             shown = ["--for-all"] if for_all else []
             say(announced_address(stack.enter_context(_server(folder, [*QMN_LIVE, *shown]))))
         elif all_of_machine := Pages.of_machine():
@@ -55,8 +55,8 @@ def live_view(
 def _page_among(pages: Pages, name: str, folder: Path) -> Iterator[None]:
     """Serve a page at the address of several networks."""
     with pages.one_more(name) as number:
-        found = f"{LIVE_PAGES}={pages.folder}", f"{NUMBER}={number}"
-        with _server(folder, ["env", *found, *QMN_LIVE, "--no-browser"]):
+        settings = f"{LIVE_PAGES}={pages.folder}", f"{NUMBER}={number}"
+        with _server(folder, ["env", *settings, *QMN_LIVE, "--no-browser"]):
             yield
 
 
@@ -72,9 +72,9 @@ def _server(folder: Path, command: list[str]) -> Iterator[Program]:
 
 
 @contextmanager
-def page_of_command(wanted: bool, say: Say = SAY, *, for_all: bool = False) -> Iterator[None]:
+def page_of_command(opens: bool, say: Say = SAY, *, for_all: bool = False) -> Iterator[None]:
     """Serve an address that shows the networks that are started meanwhile, and say where it is."""
-    if not (wanted or for_all) or Pages.of_command():
+    if not (opens or for_all) or Pages.of_command():
         yield
         return
     server = begin_page_of_command(say, for_all=for_all)

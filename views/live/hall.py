@@ -64,10 +64,10 @@ async def hall(port: int, secret: str) -> AsyncIterator[str]:
 
 
 def shown_to_all(
-    wanted: bool, place: Place, port: int, secret: str
+    for_all: bool, place: Place, port: int, secret: str
 ) -> AbstractAsyncContextManager[str]:
     """Return the address for all, if it is wanted; "" if not. Raise OSError where none can be."""
-    if not wanted:
+    if not for_all:
         return nullcontext("")
     if place.socket is not None:
         raise OSError("a container has no network: show a page to all without Docker")

@@ -23,13 +23,13 @@ KEY_SERVICES = frozenset(
 
 def newest_setup_ns(folder: Path, network: NetworkFacts) -> int:
     """Return when the newest session was first asked for, 0 if the captures hold none."""
-    asked: dict[int, int] = {}
+    first_ns: dict[int, int] = {}
     for file in folder.glob("*.pcap"):
         if network.host_at(file.stem) in network.addresses:
             for time_ns, _flow, _sequence, message in messages(file):
                 if isinstance(message, Setup):
-                    asked[message.session] = min(time_ns, asked.get(message.session, time_ns))
-    return max(asked.values(), default=0)
+                    first_ns[message.session] = min(time_ns, first_ns.get(message.session, time_ns))
+    return max(first_ns.values(), default=0)
 
 
 def drawn_handshake(folder: Path, network: NetworkFacts) -> str:
@@ -57,7 +57,7 @@ def newest_photons(folder: Path) -> str:
     for fact in reversed(read_record(folder)):
         if fact["event"] == "granted" and fact["service"] in KEY_SERVICES:
             session = int(fact["session"], 16)
-            own = [event for event in events if event.block.session == session]
-            if made := first_photons(own, (fact["from"], fact["to"])):
+            of_session = [event for event in events if event.block.session == session]
+            if made := first_photons(of_session, (fact["from"], fact["to"])):
                 return made
     return ""

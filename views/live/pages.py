@@ -64,13 +64,13 @@ class Pages:
     def one_more(self, name: str) -> Iterator[int]:
         """Number a network that begins; yield that, by which its server finds the rest here."""
         number = self._next()
-        own = self.folder / str(number)
-        (own / NAME).write_text(name)
+        folder = self.folder / str(number)
+        (folder / NAME).write_text(name)
         try:
             yield number
         finally:
-            if (own / SOCKET).exists():
-                (own / SOCKET).rename(own / ENDED)
+            if (folder / SOCKET).exists():
+                (folder / SOCKET).rename(folder / ENDED)
 
     def _next(self) -> int:
         """Take the least number that no network has; two take none at a time."""
@@ -83,8 +83,8 @@ class Pages:
 
     def names(self) -> dict[int, str]:
         """Return the names of the networks whose page is, or was, served; the oldest first."""
-        found = [*self.folder.glob(f"*/{SOCKET}"), *self.folder.glob(f"*/{ENDED}")]
-        names = {int(each.parent.name): (each.parent / NAME).read_text() for each in found}
+        files = [*self.folder.glob(f"*/{SOCKET}"), *self.folder.glob(f"*/{ENDED}")]
+        names = {int(each.parent.name): (each.parent / NAME).read_text() for each in files}
         return dict(sorted(names.items()))
 
     def socket(self, number: int) -> str:

@@ -42,18 +42,18 @@ def timeline_of_run(folder: Path, scale: float = 1.0) -> Timeline:
     """Return all that a run has left, in the order of time; its origin is its first session."""
     capture = folder / EVENT_CAPTURE
     events = recorded(capture, follow=False) if capture.exists() else ()
-    found: list[tuple[int, str, dict[str, Any]]] = [
+    entries: list[tuple[int, str, dict[str, Any]]] = [
         (event.time_ns, EVENT, to_fields(event)) for event in events if not event.photon
     ]
     for what, facts in ((CONTROLLER, read_record(folder)), (ACT, read_acts(folder))):
-        found += [(fact["time_ns"], what, _shown(fact)) for fact in facts]
-    found.sort(key=lambda each: each[0])
+        entries += [(fact["time_ns"], what, _shown(fact)) for fact in facts]
+    entries.sort(key=lambda each: each[0])
     # Facts of the start of the network, which come before, are at the beginning.
-    begin_ns = next((each[0] for each in found if each[1] == EVENT or "session" in each[2]), None)
-    found += _reported(folder, begin_ns or 0, found[-1][0] if found else 0, scale)
-    found.sort(key=lambda each: each[0])
-    timeline = Timeline(begin_ns or (found[0][0] if found else 0))
-    for time_ns, what, fields in found:
+    begin_ns = next((each[0] for each in entries if each[1] == EVENT or "session" in each[2]), None)
+    entries += _reported(folder, begin_ns or 0, entries[-1][0] if entries else 0, scale)
+    entries.sort(key=lambda each: each[0])
+    timeline = Timeline(begin_ns or (entries[0][0] if entries else 0))
+    for time_ns, what, fields in entries:
         timeline.add(what, time_ns, fields)
     timeline.end()
     return timeline

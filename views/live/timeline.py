@@ -96,5 +96,5 @@ class Timeline:
             first = self._count - len(self._messages)
             begin = min(max(position, first), self._count)
             end = min(begin + most, self._count)
-            found = [self._messages[number % self._most] for number in range(begin, end)]
-        return found, end, max(first - position, 0)
+            messages = [self._messages[number % self._most] for number in range(begin, end)]
+        return messages, end, max(first - position, 0)

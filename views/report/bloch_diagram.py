@@ -41,8 +41,8 @@ def bloch_diagram(of_states: Sequence[Sequence[int]]) -> str:
     return drawing.svg(made, "states before and after teleportation, in the Bloch sphere")
 
 
-def _state(axes: Axes, direction: Vector, label: str, found: tuple[float, float, float]) -> None:
-    length, low, high = found
+def _state(axes: Axes, direction: Vector, label: str, estimate: tuple[float, float, float]) -> None:
+    length, low, high = estimate
     before, after, ends, place = (
         [_along(direction, each) for each in both]
         for both in ((0, 1), (0, length), (low, high), (OUTSIDE,))

@@ -43,8 +43,8 @@ def rate(begin_ns: int, times_ns: Sequence[int], pairs: Sequence[int], lost: Seq
     edges = np.linspace(0, span, min(MAX_BINS, len(times_ns)) + 1)
     made, axes = drawing.figure(*SMALL_INCHES, top=LEGEND_INCHES)
     for counts, colour, label in ((pairs, QUANTUM, "measured"), (lost, BAD, "lost")):
-        found, _edges = np.histogram(seconds, edges, weights=counts)
-        axes.stairs(found / np.diff(edges), edges, color=colour, linewidth=1.8, label=label)
+        heights, _edges = np.histogram(seconds, edges, weights=counts)
+        axes.stairs(heights / np.diff(edges), edges, color=colour, linewidth=1.8, label=label)
     axes.set_ylim(bottom=0)
     axes.set_xlabel("time since the first pairs were made")
     _seconds(axes)

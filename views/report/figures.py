@@ -201,13 +201,13 @@ def pictures_of_states(run: RunFacts) -> Iterator[str]:
         bell_states = sent.symbols if isinstance(sent, SentFigures) else 0
         yield _confusion(run, bell_states if bell_states in SYMBOLS else max(SYMBOLS))
     job = run.result.job
-    asked = job.asked if isinstance(job, ServiceJob) else None
-    if isinstance(asked, TeleportFigures) and asked.of_states:
+    report = job.asked if isinstance(job, ServiceJob) else None
+    if isinstance(report, TeleportFigures) and report.of_states:
         text = "Dotted: the six states as sent. Arrows: as they arrived, with 95 % intervals: of "
         text += "fidelity F the part 2F - 1 is left along the direction in which it was measured."
-        drawn = bloch_diagram(asked.of_states)
+        drawn = bloch_diagram(report.of_states)
         yield figure("States before and after, in the Bloch sphere", drawn, text)
-    if isinstance(asked, PairFigures):
+    if isinstance(report, PairFigures):
         nodes, ages = chain_of(run.events, run.result.hosts[0])
         if 2 < len(nodes) <= MOST_NODES:
             text = "How long the oldest qubit that was used at each node had waited in its memory."
@@ -241,16 +241,16 @@ def _rate(run: RunFacts) -> str:
 def _errors(run: RunFacts) -> str:
     title = "Errors over time"
     sender = run.result.hosts[0]
-    found = error_counts.reported(run.folder, run.network, sender) or error_counts.printed(
+    errors = error_counts.reported(run.folder, run.network, sender) or error_counts.printed(
         [each for each in run.sender if isinstance(each, SentFigures)],
         run.result.time_scale or 1.0,
     )
-    if found is None:
+    if errors is None:
         return missing(title, "the sender reported nothing.")
-    if not any(values[-1] for values in found.counts.values()):
+    if not any(values[-1] for values in errors.counts.values()):
         return ""  # the sentence of the run says so
-    text = f"{found.whence}; in the end: {found.last}."
-    return figure(title, charts.errors(found.seconds, found.counts), text)
+    text = f"{errors.whence}; in the end: {errors.last}."
+    return figure(title, charts.errors(errors.seconds, errors.counts), text)
 
 
 def _confusion(run: RunFacts, bell_states: int) -> str:

@@ -45,7 +45,7 @@ def first_photons(events: Iterable[Event], ends: tuple[str, ...]) -> str:
     steps = first_steps(events, ends)
     if not steps:
         return ""
-    kept = [
+    verdicts = [
         _comparison(before, after)
         for before, after in zip(_pairs(steps[0]), _pairs(steps[-1]), strict=False)
     ]
@@ -54,8 +54,8 @@ def first_photons(events: Iterable[Event], ends: tuple[str, ...]) -> str:
         for step in steps
         for name, cells in (("basis", step.bases), ("bit", step.bits))
     ]
-    rows.append(["kept", *kept])
-    heads = ["photon", *map(str, range(1, len(kept) + 1))]
+    rows.append(["kept", *verdicts])
+    heads = ["photon", *map(str, range(1, len(verdicts) + 1))]
     file = StringIO()
     csv.writer(file, lineterminator="\n").writerows(zip(heads, *rows, strict=False))
     link = f'<a download="first-photons.csv" href="data:text/csv,{quote(file.getvalue())}">CSV</a>'

@@ -35,15 +35,15 @@ def spans(
     series: Sequence[Moment], begins: str, ends: str, end: float
 ) -> list[tuple[float, float]]:
     """Return from when to when something lasted; what does not end lasts until the end."""
-    found: list[tuple[float, float]] = []
+    intervals: list[tuple[float, float]] = []
     since: float | None = None
     for moment in series:
         if moment.event == begins and since is None:
             since = moment.at
         elif moment.event == ends and since is not None:
-            found.append((since, moment.at))
+            intervals.append((since, moment.at))
             since = None
-    return found if since is None else [*found, (since, end)]
+    return intervals if since is None else [*intervals, (since, end)]
 
 
 def _sessions(axes: Axes, series: Sequence[Moment], _end: float) -> None:
@@ -65,11 +65,11 @@ def _sessions(axes: Axes, series: Sequence[Moment], _end: float) -> None:
 def _tunnel(axes: Axes, series: Sequence[Moment], end: float) -> None:
     hosts = sorted({each.host for each in series if each.event.startswith(TUNNEL)})
     for row, host in enumerate(reversed(hosts)):
-        own = [each for each in series if each.host == host]
-        open_spans = spans(own, "tunnel_opened", "tunnel_closed", end)
+        of_host = [each for each in series if each.host == host]
+        open_spans = spans(of_host, "tunnel_opened", "tunnel_closed", end)
         bars = [(begin, over - begin) for begin, over in open_spans]
         axes.broken_barh(bars, (row - 0.3, 0.6), color=METADATA, alpha=0.35)
-        keys = [each.at for each in own if isinstance(each, KeyMoment)]
+        keys = [each.at for each in of_host if isinstance(each, KeyMoment)]
         axes.plot(keys, [row] * len(keys), "|", color=INK, markersize=12)
     axes.set_yticks(range(len(hosts)), reversed(hosts))
     axes.set_ylim(-0.6, len(hosts) - 0.4)

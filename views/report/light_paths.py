@@ -42,14 +42,14 @@ def light_paths(network: NetworkFacts, events: Iterable[Event]) -> list[LightPat
     plant = _Plant(network)
     paths: dict[LightPath, None] = {}
     connections: dict[FiberEnd, str] = {}
-    known: set[frozenset[tuple[FiberEnd, str]]] = set()  # a run may open the same path often
+    paths_shown: set[frozenset[tuple[FiberEnd, str]]] = set()  # a run may open the same path often
     for event in events:
         if event.kind == "open":
             in_port, out_port = _ports(event.detail)
             connections[FiberEnd(event.node, in_port)] = out_port
             connected = frozenset(connections.items())
-            if connected not in known:
-                known.add(connected)
+            if connected not in paths_shown:
+                paths_shown.add(connected)
                 paths.update(dict.fromkeys(plant.paths(connections)))
         elif event.kind == "close":
             connections.pop(FiberEnd(event.node, event.port), None)

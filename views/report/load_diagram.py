@@ -34,8 +34,8 @@ def load_diagram(load: Load, use: Use, scale: float) -> str:
 def busiest(use: Use) -> Use:
     """Return the fibres that were in use longest, in the order of their names."""
     times = {name: sum(end - begin for begin, end in parts) for name, parts in use.items()}
-    kept = sorted((name for name in use if times[name]), key=lambda name: -times[name])
-    return {name: use[name] for name in sorted(kept[:MOST_FIBERS])}
+    names = sorted((name for name in use if times[name]), key=lambda name: -times[name])
+    return {name: use[name] for name in sorted(names[:MOST_FIBERS])}
 
 
 def _sessions(axes: Axes, sessions: Sequence[LoadSession]) -> None:

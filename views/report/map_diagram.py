@@ -34,7 +34,7 @@ def map_diagram(facts: NetworkFacts, paths: Sequence[LightPath], eve: Eavesdropp
         labels.add(ends, described(fibers), needed=used(fibers, names))
     labels.write()
     for at, place in places.items():
-        here = [name for name, own in nodes.items() if own == at]
+        here = [name for name, where in nodes.items() if where == at]
         hosts = [name for name in here if name in facts.addresses]
         first, *others = [*hosts, *(name for name in here if name not in hosts)]
         node(axes, place, first, in_a_line(others), edge(not hosts, not eve.nodes.isdisjoint(here)))
@@ -46,7 +46,7 @@ def in_a_line(names: Sequence[str]) -> str:
     shown = ", ".join(names)
     if len(shown) <= LINE_LETTERS:
         return shown
-    kept = next(
+    most = next(
         n for n in range(len(names), -1, -1) if len(", ".join(names[:n])) <= LINE_LETTERS - 9
     )
-    return ", ".join([*names[:kept], f"{len(names) - kept} more"])
+    return ", ".join([*names[:most], f"{len(names) - most} more"])

@@ -53,14 +53,14 @@ def flights(folder: Path, network: NetworkFacts, limit: int, since_ns: int = 0) 
                 left[flow, sequence] = time_ns, message
             elif hosts.get(flow.target) == host:
                 arrived[flow, sequence] = time_ns, message
-    found = []
+    made = []
     for key, (left_ns, message) in left.items():
         flow, _sequence = key
         if flow.target not in hosts:
             continue
         arrived_ns, last = arrived.get(key, (None, message))
-        found.append(Flight(last, hosts[flow.source], hosts[flow.target], left_ns, arrived_ns))
-    return sorted(found, key=lambda flight: flight.left_ns)
+        made.append(Flight(last, hosts[flow.source], hosts[flow.target], left_ns, arrived_ns))
+    return sorted(made, key=lambda flight: flight.left_ns)
 
 
 def messages(file: Path) -> Iterator[tuple[int, Flow, int, Message]]:

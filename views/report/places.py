@@ -38,8 +38,8 @@ def columns(facts: NetworkFacts) -> list[list[str]]:
 
 def _height(host: str, heights: Mapping[str, int], neighbours: Neighbours) -> float:
     """Return about how far down a host belongs: in the middle of the switches it has fibres to."""
-    own = [height for name, height in heights.items() if host in neighbours[name]]
-    return sum(own) / len(own) if own else len(heights)
+    levels = [height for name, height in heights.items() if host in neighbours[name]]
+    return sum(levels) / len(levels) if levels else len(heights)
 
 
 def _switch_columns(neighbours: Neighbours, with_host: set[str]) -> tuple[list[str], list[str]]:
@@ -79,13 +79,13 @@ def _stages(neighbours: Neighbours, with_host: set[str]) -> tuple[list[str], lis
 
 def of_nodes(facts: NetworkFacts) -> dict[str, Place]:
     """Return the position of each node that has light; of one that has none, its neighbour's."""
-    known = dict(facts.positions)
+    places = dict(facts.positions)
     for fiber in facts.fibers:
         for near, far in ((fiber.a.node, fiber.b.node), (fiber.b.node, fiber.a.node)):
-            if near not in known and far in facts.positions:
-                known[near] = facts.positions[far]
+            if near not in places and far in facts.positions:
+                places[near] = facts.positions[far]
     joined = {end.node for fiber in facts.fibers for end in (fiber.a, fiber.b)}
-    return {name: place for name, place in known.items() if name in joined}
+    return {name: place for name, place in places.items() if name in joined}
 
 
 def on_paper(positions: Sequence[Place]) -> list[Place]:

@@ -32,13 +32,13 @@ def outputs(job: NetqasmJob) -> str:
 
 def instruction_table(events: Iterable[Event], roles: Mapping[str, str]) -> str:
     """Return the table of instructions: a row for each subroutine, a column for each host."""
-    found = [event for event in events if event.kind == SUBROUTINE]
+    subroutines = [event for event in events if event.kind == SUBROUTINE]
     hosts = list(dict.fromkeys(roles.values()))
     rows: list[str] = []
-    for event in found:
+    for event in subroutines:
         lines = instructions(event.detail)
         if lines and event.node in hosts and len(rows) < MOST_STEPS:
-            since = f"{(event.time_ns - found[0].time_ns) / 1e3:,.3f}"
+            since = f"{(event.time_ns - subroutines[0].time_ns) / 1e3:,.3f}"
             cells = (
                 "<br>".join(map(escape, lines)) if host == event.node else "" for host in hosts
             )
@@ -57,6 +57,6 @@ def instruction_table(events: Iterable[Event], roles: Mapping[str, str]) -> str:
 def instructions(subroutine: str) -> list[str]:
     """Return those of qubits and of the network, the first MOST_LINES of them."""
     parts = [each.strip() for each in subroutine.split(";")]
-    kept = [each for each in parts if each and each.split()[0] not in CLASSICAL]
-    more = [f"and {len(kept) - MOST_LINES} more"] if len(kept) > MOST_LINES else []
-    return kept[:MOST_LINES] + more
+    quantum = [each for each in parts if each and each.split()[0] not in CLASSICAL]
+    more = [f"and {len(quantum) - MOST_LINES} more"] if len(quantum) > MOST_LINES else []
+    return quantum[:MOST_LINES] + more

@@ -50,8 +50,8 @@ def of_eve(result: RunResult) -> str:
     text = f"Eve measured {eve.measured:,} of {eve.photons:,} photons ({share:.1f} %) and sent on "
     if result.service not in IN_BOTH_BASES:
         return f"{text}the outcomes."
-    known = f"she knows {share / 2:.1f} % of the sifted bits, and makes {share / 4:.1f} %"
-    return f"{text}the outcomes: {known} of them wrong."
+    knowledge = f"she knows {share / 2:.1f} % of the sifted bits, and makes {share / 4:.1f} %"
+    return f"{text}the outcomes: {knowledge} of them wrong."
 
 
 def interval(value: float, low: float, high: float) -> str:

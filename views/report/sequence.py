@@ -49,15 +49,15 @@ class Step:
 
 
 def together(steps: Iterable[Step]) -> list[Step]:
-    found: list[Step] = []
+    joined: list[Step] = []
     for (step, text), same in groupby(steps, lambda each: (replace(each, text=""), _kind(each))):
         texts = [each.text for each in same]
         if len(set(texts)) > 1:  # ways through a switch
             words = text + ", ".join(each.removeprefix(text) for each in texts)
         else:
             words = texts[0] + (f" × {len(texts)}" if len(texts) > 1 else "")  # noqa: RUF001
-        found.append(replace(step, text=words))
-    return found
+        joined.append(replace(step, text=words))
+    return joined
 
 
 def _kind(step: Step) -> str:
@@ -78,8 +78,8 @@ def handshake(
     steps = [_metadata_step(flight) for flight in seen]
     begin = min((step.time_ns for step in steps), default=0)
     end = max((step.arrival_ns or step.time_ns for step in steps), default=1 << 63)
-    wanted = (event for event in events if begin <= event.time_ns <= end)
-    steps += _quantum_steps(list(islice(wanted, MAX_EVENTS)), network)
+    within = (event for event in events if begin <= event.time_ns <= end)
+    steps += _quantum_steps(list(islice(within, MAX_EVENTS)), network)
     capture = folder / f"{CONTROLLER}.pcap"
     if seen and capture.exists():
         spoken = list(_between(openflow(capture, openflow_port), begin, end))

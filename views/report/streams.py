@@ -85,8 +85,8 @@ class _Stream:
 
     def add(self, segment: Segment) -> None:
         """Take a segment, which may be one that was seen before, or longer than that."""
-        known = self.waiting.get(segment.sequence)
-        if known is None or len(segment.data) > len(known.data):
+        waiting = self.waiting.get(segment.sequence)
+        if waiting is None or len(segment.data) > len(waiting.data):
             self.waiting[segment.sequence] = segment
         if len(self.waiting) > MAX_WAITING:
             self.skip()

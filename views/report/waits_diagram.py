@@ -18,24 +18,24 @@ def waited(waits: Sequence[LoadWait]) -> Waited:
         for host in {each.opener, each.after_opener}:
             shares[host] += each.waited_s
     shown = set(sorted(shares, key=shares.__getitem__, reverse=True)[:MOST_HOSTS])
-    found: Waited = {}
+    by_pair: Waited = {}
     for each in waits:
         pair = each.opener, each.after_opener
         if shown.issuperset(pair):
-            found[pair] = found.get(pair, 0.0) + each.waited_s
-    return found
+            by_pair[pair] = by_pair.get(pair, 0.0) + each.waited_s
+    return by_pair
 
 
 @drawing.styled
 def waits_diagram(waits: Sequence[LoadWait]) -> str:
     """Draw a row for each host whose sessions waited, and a column for each they waited for."""
-    found = waited(waits)
-    rows, columns = (sorted({pair[place] for pair in found}) for place in (0, 1))
+    by_pair = waited(waits)
+    rows, columns = (sorted({pair[place] for pair in by_pair}) for place in (0, 1))
     height = REST_INCHES + ROW_INCHES * len(rows)
     made, axes = drawing.figure(WIDTH_INCHES, height, left=LABEL_INCHES)
-    most = max(found.values())
+    most = max(by_pair.values())
     drawn = []
-    for (waiter, holder), seconds in found.items():
+    for (waiter, holder), seconds in by_pair.items():
         alpha = 0.08 + 0.6 * (seconds / most) ** 0.5  # short waits show beside long ones
         place = columns.index(holder), rows.index(waiter)
         drawn.append((*place, METADATA, alpha, f"{seconds:.2g}"))

@@ -105,10 +105,10 @@ def events(options: SpyOptions) -> Iterator[Event]:
     if stack:
         return of_this_node(options, stack)
     config = dispatcher_of_running_network()
-    known = {*config.tokens, *(switch.name for switch in config.switches)}
+    nodes = {*config.tokens, *(switch.name for switch in config.switches)}
     for node in options.node:
-        if node not in known:
-            raise BadFilter(f"unknown node {node!r}: {remedy(node, sorted(known))}")
+        if node not in nodes:
+            raise BadFilter(f"unknown node {node!r}: {remedy(node, sorted(nodes))}")
     if options.follow is False:
         if not config.event_capture:
             raise BadFilter(
@@ -135,10 +135,10 @@ def of_this_node(options: SpyOptions, stack: str) -> Iterator[Event]:
     if not follow and not options.history:
         text = f"--no-follow on {node}: add --history, or there is nothing to show"
         raise BadFilter(text)
-    for wanted in options.node:
-        if wanted != node:
+    for name in options.node:
+        if name != node:
             raise BadFilter(
-                f"--node {wanted}: a host shows only its own events, here those of {node}"
+                f"--node {name}: a host shows only its own events, here those of {node}"
             )
     return through_stack(stack, single(options.session, 0), options.history, follow)
 

@@ -62,10 +62,10 @@ def _with_unit(unit: str, text: str) -> Decimal | None:
         return Decimal(text)  # 1e6, for a whole number
     if not unit or not (written := WRITTEN.fullmatch(text)):
         return None
-    number, given = Decimal(written[1]), written[2]
-    if given == unit:
+    number, unit_written = Decimal(written[1]), written[2]
+    if unit_written == unit:
         return number
     for kind in KINDS:
-        if unit in kind and given in kind:
-            return number * kind[given] / kind[unit]
+        if unit in kind and unit_written in kind:
+            return number * kind[unit_written] / kind[unit]
     return None

@@ -19,13 +19,13 @@ log = logging.getLogger("packages")
 @cache
 def kinds() -> Mapping[Service, ServiceKind]:
     """Return all; those of packages import what is beside this, and are imported only here."""
-    own = (
+    ours = (
         superdense.KIND,
         superdense.RETURN_KIND,
         distribute.KIND,
         swapping.KIND,
     )
-    return MappingProxyType({kind.service: kind for kind in (*own, *_theirs())})
+    return MappingProxyType({kind.service: kind for kind in (*ours, *_theirs())})
 
 
 def _theirs() -> Iterator[ServiceKind]:

@@ -88,18 +88,18 @@ def _check(setup: Setup, request: Emit) -> None:
         raise SessionError(Reason.NOT_ALLOWED, text)
 
 
-def _announce(side: Side, request: Emit, known: frozenset[int]) -> Steps[None]:
+def _announce(side: Side, request: Emit, distinguishable: frozenset[int]) -> Steps[None]:
     session, number, pulses = request.session, request.block, request.pairs
     first, second = side.ports[:2]
     light = yield from begin(
         Qnic.detect_arrivals, relayed_blocks(session, number), (first, second), LIGHT_TIMEOUT_S
     )
-    found = yield Collect(light, KEY_GRACE_S + pulses / side.setup.rate_hz)
+    reports = yield Collect(light, KEY_GRACE_S + pulses / side.setup.rate_hz)
     outcomes = np.full(pulses, NO_COINCIDENCE, dtype=np.uint8)
-    if found is not None:
-        require_size(found.outcomes.size, pulses)
-        distinguished = np.isin(found.outcomes, list(known))
-        outcomes[distinguished] = found.outcomes[distinguished]
+    if reports is not None:
+        require_size(reports.outcomes.size, pulses)
+        distinguished = np.isin(reports.outcomes, list(distinguishable))
+        outcomes[distinguished] = reports.outcomes[distinguished]
     yield Say((Answer(session, Reason.OK), *announcement(session, number, outcomes)))
 
 

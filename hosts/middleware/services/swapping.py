@@ -92,16 +92,16 @@ class Blocks:
     def make(self, pairs: Pairs, number: int, size: int) -> Steps[None]:
         """Have a block swapped as the opener, and keep what both ends have."""
         side = self._side
-        swapped, kept, since_ns = yield from self._swapped(number, size)
+        swapped, mask, since_ns = yield from self._swapped(number, size)
         if swapped.rounds:
             pairs.facts.span_rounds = swapped.rounds
         yield side.say(Topic.SWAPPED, number, swapped.blocks, 32)
-        yield side.say(Topic.ARRIVED, number, kept, 1)
-        theirs = yield from hear(Topic.ARRIVED, number, kept.size, 1)
+        yield side.say(Topic.ARRIVED, number, mask, 1)
+        theirs = yield from hear(Topic.ARRIVED, number, mask.size, 1)
         yield from take(side.block(number), {self._kept(number): swapped.positions})
         pairs.facts.attempts += swapped.attempts
         emitted = swapped.heralded if self._is_heralded else size
-        yield from pairs.share(number, kept, theirs.astype(bool), emitted, since_ns)
+        yield from pairs.share(number, mask, theirs.astype(bool), emitted, since_ns)
 
     def share(self, pairs: Pairs, message: Values) -> Steps[None]:
         """Do the same at the end that corrects, beside other blocks."""
@@ -114,24 +114,24 @@ class Blocks:
 
     def _share(self, pairs: Pairs, number: int, size: int) -> Steps[None]:
         side = self._side
-        swapped, kept, since_ns = yield from self._swapped(number, size)
+        swapped, mask, since_ns = yield from self._swapped(number, size)
         theirs = yield from hear(Topic.SWAPPED, number, len(swapped.blocks), LARGEST)
         if theirs.tolist() != swapped.blocks:
             text = f"{side.peer} heard of other blocks at analysers than this host: let no other "
             raise SessionError(Reason.PROTOCOL, text + "session use them")
-        arrived = yield from hear(Topic.ARRIVED, number, kept.size, 1)
+        arrived = yield from hear(Topic.ARRIVED, number, mask.size, 1)
         name = side.block(number, half=1)
         yield from take(name, {self._kept(number): swapped.positions})
-        if kept.size:
+        if mask.size:
             turned = swapped.outcomes ^ side.setup.rotation
-            operators = np.where(kept, turned, 0).astype(np.uint8)
+            operators = np.where(mask, turned, 0).astype(np.uint8)
             corrected_ns = yield from do(Qnic.apply, name, operators)
-            self._note_waits(pairs, swapped, int(np.count_nonzero(kept)), corrected_ns - since_ns)
-            kept &= yield from store(name)
+            self._note_waits(pairs, swapped, int(np.count_nonzero(mask)), corrected_ns - since_ns)
+            mask &= yield from store(name)
         emitted = swapped.heralded if self._is_heralded else size
-        yield from pairs.share(number, kept, arrived.astype(bool), emitted, since_ns)
+        yield from pairs.share(number, mask, arrived.astype(bool), emitted, since_ns)
         self.under_way.remove(number)  # others read its messages from now on
-        yield side.say(Topic.ARRIVED, number, kept, 1)
+        yield side.say(Topic.ARRIVED, number, mask, 1)
         yield Tell(pairs.summary((yield Now())))
 
     def _note_waits(self, pairs: Pairs, swapped: Swapped, count: int, waited_ns: int) -> None:

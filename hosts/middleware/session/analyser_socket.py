@@ -222,14 +222,14 @@ class AnalyserSocket:
                         self._purified and number not in self._left
                     ):
                         await self._more()
-                    found = {each: self._analysers[each].pop() for each in there}
+                    heralds = {each: self._analysers[each].pop() for each in there}
                     self._over = number
                     self._news.set()
                     if (left := self._left.pop(number, None)) is not None:
-                        return _corrected(found, left, pulses)
+                        return _corrected(heralds, left, pulses)
                     positions = np.arange(pulses)
                     if not limit_s:
-                        positions = await self._positions(pulses, found.values())
+                        positions = await self._positions(pulses, heralds.values())
             except TimeoutError as error:
                 text = (
                     f"no outcomes of {pulses} pulses from {analysers - len(self._there(pulses))} "
@@ -238,7 +238,7 @@ class AnalyserSocket:
                     "switches' agents run"
                 )
                 raise SessionError(Reason.NO_LIGHT, text) from error
-        return _together(found, positions)
+        return _together(heralds, positions)
 
     async def _more(self) -> None:
         self._news.clear()

@@ -64,8 +64,10 @@ def measure_some_at(
     """Do what `measure_some` does; also return when (ns) that was."""
     part = reserved(name, number)
     yield from do(Qnic.gather, part, {name: positions}, keep_rest=True)
-    found = yield from do(Qnic.outcomes, part, bases)
-    return np.where(found.outcomes <= 1, found.outcomes, LOST).astype(np.uint8), found.time_ns
+    measured = yield from do(Qnic.outcomes, part, bases)
+    return np.where(measured.outcomes <= 1, measured.outcomes, LOST).astype(
+        np.uint8
+    ), measured.time_ns
 
 
 def store(name: BlockName) -> Steps[Mask]:

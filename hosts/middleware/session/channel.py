@@ -34,10 +34,10 @@ class MetadataChannel:
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._reader = reader
         self._writer = writer
-        own, peer = writer.get_extra_info("sockname"), writer.get_extra_info("peername")
+        address, peer = writer.get_extra_info("sockname"), writer.get_extra_info("peername")
         self.peer: str = peer[0]
         # As its opener sees it, if that is the other end.
-        self.connection: Connection = (*peer[:2], *own[:2])
+        self.connection: Connection = (*peer[:2], *address[:2])
         self._given_up = False
         self._session: int | None = None  # as its set-up message says, from any sender
         self._mailbox: Mailbox | None = None  # where several hear at a time

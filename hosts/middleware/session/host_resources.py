@@ -31,8 +31,8 @@ def carrying(qnic: Qnic, channels_mhz: Mapping[str, int], wavelength_pm: int) ->
     channel of the first port. Raise ValueError for a wavelength outside the optical range.
     """
     first = channels_mhz.get(qnic.ports[0]) if qnic.ports else None
-    wanted = first if wavelength_pm == ANY_WAVELENGTH else frequency_mhz(wavelength_pm)
-    ports = [port for port in qnic.ports if channels_mhz.get(port, wanted) == wanted]
+    channel_mhz = first if wavelength_pm == ANY_WAVELENGTH else frequency_mhz(wavelength_pm)
+    ports = [port for port in qnic.ports if channels_mhz.get(port, channel_mhz) == channel_mhz]
     return cast(Qnic, _Carrying(qnic, ports))
 
 

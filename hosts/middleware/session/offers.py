@@ -13,21 +13,21 @@ from wire.services import memory_of
 
 def check_light(setup: Setup) -> None:
     """Raise SessionError for light that no host here makes, takes or keeps."""
-    known = memory_of(Service(setup.service))
-    if setup.memory not in known:
+    offered = memory_of(Service(setup.service))
+    if setup.memory not in offered:
         text = f"memory {setup.memory} for {Service(setup.service).name.lower()}: "
-        text += f"choose {' or '.join(str(each.value) for each in known)}"
+        text += f"choose {' or '.join(str(each.value) for each in offered)}"
         raise SessionError(Reason.UNSUPPORTED, text)
-    wanted = {
+    settings = {
         "polarisation basis": setup.polarization,
         "phase": setup.phase_mrad,
     }
-    offer_nothing_but_0(wanted)
+    offer_nothing_but_0(settings)
     check_wavelength(setup)
 
 
-def offer_nothing_but_0(wanted: dict[str, int]) -> None:
-    for name, value in wanted.items():
+def offer_nothing_but_0(settings: dict[str, int]) -> None:
+    for name, value in settings.items():
         if value:
             raise SessionError(Reason.UNSUPPORTED, f"{name} {value}: only 0 is offered yet")
 

@@ -30,8 +30,8 @@ class Options:
     @classmethod
     def from_fields(cls, content: dict[str, Any]) -> Self:
         """Check what an application sent; raise SessionError naming value and remedy."""
-        known = [field.name for field in fields(cls)]
-        check_names("a session", content, known, unsupported)
+        names = [field.name for field in fields(cls)]
+        check_names("a session", content, names, unsupported)
         try:
             options = cls(**content)
         except TypeError as error:
@@ -67,8 +67,8 @@ def overridden(setup: Setup, settings: DeviceSettings) -> Setup:
     Blocks are made smaller where a lower rate would make them last too long.
     """
     chosen = {name: getattr(settings, name) for name in OF_LIGHT}
-    given = {name: value for name, value in chosen.items() if value is not None}
-    setup = replace(setup, **given)
+    options = {name: value for name, value in chosen.items() if value is not None}
+    setup = replace(setup, **options)
     longest = max(MIN_BLOCK_PAIRS, int(MAX_BLOCK_S * setup.rate_hz))
     return replace(setup, pairs=min(setup.pairs, longest))
 

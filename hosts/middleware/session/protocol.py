@@ -375,11 +375,11 @@ class Side:
 
     def stored(self, light: Light, photons: int) -> Steps[Stored]:
         """Return the arrivals of light that is over; none if no photon arrived."""
-        found = yield Collect(light, GRACE_S + photons / self.setup.rate_hz)
-        if found is None:
+        storage = yield Collect(light, GRACE_S + photons / self.setup.rate_hz)
+        if storage is None:
             return Stored(np.zeros(photons, dtype=bool), 0)
-        require_size(found.arrived.size, photons)
-        return found  # type: ignore[no-any-return]
+        require_size(storage.arrived.size, photons)
+        return storage  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True)
@@ -457,15 +457,15 @@ def saying(message: Say) -> Steps[None]:
 
 
 def together(one: "Steps[A]", other: "Steps[B]") -> "Steps[tuple[A, B]]":
-    found: list[B] = []
-    yield Concurrently(_into(found, other))
+    results: list[B] = []
+    yield Concurrently(_into(results, other))
     first = yield from one
-    yield WaitUntil(lambda: found)
-    return first, found[0]
+    yield WaitUntil(lambda: results)
+    return first, results[0]
 
 
-def _into(found: list[A], steps: "Steps[A]") -> Steps[None]:
-    found.append((yield from steps))
+def _into(results: list[A], steps: "Steps[A]") -> Steps[None]:
+    results.append((yield from steps))
 
 
 def coming(message: Values, most: int) -> tuple[int, int]:

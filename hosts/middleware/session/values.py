@@ -76,8 +76,8 @@ def expect(message: Values, topic: int, block: int, count: int | None, most: int
 
 
 def _named(topic: int) -> str:
-    known = {each.value: each.name for each in Topic}
-    return f"{topic} ({known[topic]})" if topic in known else str(topic)
+    names = {each.value: each.name for each in Topic}
+    return f"{topic} ({names[topic]})" if topic in names else str(topic)
 
 
 def announcement(session: int, block: int, outcomes: Symbols) -> tuple[Values, Values]:

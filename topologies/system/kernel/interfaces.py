@@ -150,21 +150,21 @@ def delete(*names: str) -> None:
     They become a group of their own, which the kernel deletes at once: for each that goes alone it
     waits some 20 ms, until no processor uses it any more. Raise NetworkError if it fails.
     """
-    found = sorted(all_here().intersection(names))
-    if not found:
+    present = sorted(all_here().intersection(names))
+    if not present:
         return
     number = secrets.randbits(31) | 1 << 30  # people's own are small
     with _kernel() as kernel:
-        errors = [_put_into(kernel, name, number) for name in found]
+        errors = [_put_into(kernel, name, number) for name in present]
         if all(error == errno.ENODEV for error in errors):  # gone meanwhile
             return
-        kernel.settimeout(COMMAND_TIMEOUT_S + INTERFACE_S * len(found))
+        kernel.settimeout(COMMAND_TIMEOUT_S + INTERFACE_S * len(present))
         errors.append(_ask(kernel, RTM_DELLINK, REQUEST, NAMELESS + _group(number)))
         if errors[-1]:
-            for name in found:
+            for name in present:
                 _put_into(kernel, name, 0)
     for error in set(errors) - {0, errno.ENODEV}:
-        raise NetworkError(f"cannot delete {', '.join(found)}: {os.strerror(error)}")
+        raise NetworkError(f"cannot delete {', '.join(present)}: {os.strerror(error)}")
 
 
 def _put_into(kernel: socket.socket, name: str, group: int) -> int:
@@ -232,9 +232,9 @@ def set_up(name: str) -> None:
 
 def set_address(name: str, address: str) -> None:
     """Give an interface of this thread's namespace an IPv4 address, as 10.0.0.1/24."""
-    given = IPv4Interface(address)
+    interface = IPv4Interface(address)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as kernel:
-        for call, value in ((SIOCSIFADDR, given.ip), (SIOCSIFNETMASK, given.netmask)):
+        for call, value in ((SIOCSIFADDR, interface.ip), (SIOCSIFNETMASK, interface.netmask)):
             value_there = struct.pack("=Hxx4s", socket.AF_INET, value.packed)
             fcntl.ioctl(kernel, call, _request(name, value_there))
 

@@ -45,15 +45,15 @@ def default_mib() -> int:
     return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2 // MIB
 
 
-def checked_mib(host: str, asked: object) -> int:
+def checked_mib(host: str, mib: object) -> int:
     """Return how much a host may take; raise BadParameter for what cannot be."""
-    if asked is None:
+    if mib is None:
         return default_mib()
-    if isinstance(asked, bool) or not isinstance(asked, int) or asked < LEAST_MIB:
+    if isinstance(mib, bool) or not isinstance(mib, int) or mib < LEAST_MIB:
         raise BadParameter(
-            f"{host}: memory_mib {asked!r} is not a whole number of at least {LEAST_MIB}"
+            f"{host}: memory_mib {mib!r} is not a whole number of at least {LEAST_MIB}"
         )
-    return asked
+    return mib
 
 
 def parent() -> tuple[Path, Version] | None:

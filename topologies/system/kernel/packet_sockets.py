@@ -54,12 +54,12 @@ def packet_sockets(pid: int) -> list[int]:
 
 def descriptors(pid: int, names: Container[str]) -> list[int]:
     """Return the descriptors by which a process has files of these names; OSError if not to see."""
-    found = []
+    numbers = []
     for file in os.scandir(f"/proc/{pid}/fd"):
         with suppress(FileNotFoundError):  # it has been closed
             if os.readlink(file.path) in names:
-                found.append(int(file.name))
-    return found
+                numbers.append(int(file.name))
+    return numbers
 
 
 def close(descriptors: Sequence[int]) -> None:

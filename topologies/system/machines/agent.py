@@ -121,7 +121,7 @@ class Agent(AgentFiles):
         """Start a program; what it says, and how it ends, follows."""
         words = [python(), *header["command"]] if header["python"] else header["command"]
         within = ["mnexec", "-a", str(header["pid"])] if header["pid"] else []
-        own = ENVIRONMENT if header["python"] else {}
+        variables = ENVIRONMENT if header["python"] else {}
         process = await asyncio.create_subprocess_exec(
             *within,
             *words,
@@ -129,7 +129,7 @@ class Agent(AgentFiles):
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             cwd=ROOT,
-            env={**callers_environment(), **own, **header["environment"]},
+            env={**callers_environment(), **variables, **header["environment"]},
             start_new_session=True,
         )
         self._follow_from_now_on(header["ask"], process)
@@ -290,9 +290,9 @@ def trust(certificates: dict[str, str]) -> ssl.SSLContext:
     context.minimum_version = ssl.TLSVersion.TLSv1_3
     context.load_verify_locations(cadata=certificates["authority"])
     with TemporaryDirectory(dir="/run") as folder:  # which is this agent's own, in memory
-        own = Path(folder, "own.pem")
-        own.write_text(certificates["certificate"] + certificates["private_key"])
-        context.load_cert_chain(own)
+        file = Path(folder, "own.pem")
+        file.write_text(certificates["certificate"] + certificates["private_key"])
+        context.load_cert_chain(file)
     return context
 
 

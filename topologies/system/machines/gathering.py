@@ -67,10 +67,10 @@ class Gathering:
     def call(self, folder: Path, begin: Begin) -> None:
         """Listen, and let an agent begin on each machine."""
         authority = CertificateAuthority(folder, "machines of a qmn network")
-        own = authority.issue(
+        certificate = authority.issue(
             "runner", {f"r{n}": a for n, a in enumerate(set(self._here.values()))}
         )
-        context = trust(authority.certificate, own)
+        context = trust(authority.certificate, certificate)
         if self._logs is not None:
             log_keys(context, self._logs / KEY_LOG)
         listening = asyncio.run_coroutine_threadsafe(self._listen(context), self._loop).result(
@@ -135,12 +135,12 @@ class Gathering:
         await asyncio.gather(*(machine.close() for machine in self.found.values()))
 
 
-def trust(authority: Path, own: CertificateFiles) -> ssl.SSLContext:
+def trust(authority: Path, certificate: CertificateFiles) -> ssl.SSLContext:
     """Return what the runner's side of the channel is to be: only what it has signed may come."""
     context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH, cafile=authority)
     context.minimum_version = ssl.TLSVersion.TLSv1_3
     context.verify_mode = ssl.CERT_REQUIRED
-    context.load_cert_chain(own.certificate, own.private_key)
+    context.load_cert_chain(certificate.certificate, certificate.private_key)
     return context
 
 

@@ -216,8 +216,8 @@ class Machine:
         """
         number = next(self._numbers)
         shell = self._processes[number] = ProcessElsewhere(self, number, write)
-        wanted = confined and self.user_namespaces
-        words: dict[str, Any] = {"node": node, "user_namespace": wanted}
+        in_user_namespace = confined and self.user_namespaces
+        words: dict[str, Any] = {"node": node, "user_namespace": in_user_namespace}
         (shell.pid_there, shell.user, why), _ = self._asked(number, "shell", **words)
         if why:
             self.user_namespaces = False
@@ -261,13 +261,13 @@ class Machine:
 
     def clock_offset(self) -> ClockOffset:
         """Measure how far its clock is ahead: it was read at some time of the fastest answer."""
-        found = []
+        samples = []
         for _ in range(CLOCK_TRIES):
             begin = time.time_ns()
             there = self.ask("clock")
             end = time.time_ns()
-            found.append((end - begin, there - (begin + end) / 2))
-        way_ns, offset_ns = min(found)
+            samples.append((end - begin, there - (begin + end) / 2))
+        way_ns, offset_ns = min(samples)
         return ClockOffset(offset_ns / 1e9, way_ns / 2e9)
 
     async def _listen(self) -> None:

@@ -87,8 +87,8 @@ class NodeElsewhere:
 
     def environment(self) -> dict[str, str]:
         root, python = self.machine.root, os.path.dirname(self.machine.python)
-        own: dict[str, str] = super().environment()  # type: ignore[misc]
-        return {**own, "PYTHONPATH": str(root), "PATH": f"{root}/bin:{python}:$PATH"}
+        variables: dict[str, str] = super().environment()  # type: ignore[misc]
+        return {**variables, "PYTHONPATH": str(root), "PATH": f"{root}/bin:{python}:$PATH"}
 
     def pexec(self, *words: Any, **_options: Any) -> tuple[str, str, int]:
         """Run a command there; return what it says, "" for its errors, which are with that."""

@@ -121,9 +121,9 @@ def _next_hop(remote: str) -> str:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
             asking.sendto(b"", (remote, DISCARD))  # the kernel asks for it then
         words = "ip", "-json", "neigh", "show", hop, "dev", way["dev"]
-        for found in json.loads(run(*words, timeout_s=COMMAND_TIMEOUT_S) or "[]"):
-            if "lladdr" in found:
-                return str(found["lladdr"])
+        for neighbour in json.loads(run(*words, timeout_s=COMMAND_TIMEOUT_S) or "[]"):
+            if "lladdr" in neighbour:
+                return str(neighbour["lladdr"])
         time.sleep(POLL_S)
     raise NetworkError(f"no neighbour answers for {hop} in {NEIGHBOUR_TIMEOUT_S:g} s")
 

@@ -170,8 +170,13 @@ def keep_files(files: Sequence[int], descriptors: Sequence[int]) -> None:
     """Send all output to a log, and keep files by these descriptors; close all others."""
     moved = [os.dup2(file, LEAST_NUMBER + number) for number, file in enumerate(files)]
     nothing = os.open(os.devnull, os.O_RDONLY)
-    log, *kept = moved
-    for source, target in ((nothing, 0), (log, 1), (log, 2), *zip(kept, descriptors, strict=True)):
+    log, *moved_files = moved
+    for source, target in (
+        (nothing, 0),
+        (log, 1),
+        (log, 2),
+        *zip(moved_files, descriptors, strict=True),
+    ):
         os.dup2(source, target)
     last = 2
     for descriptor in sorted(descriptors):

@@ -108,17 +108,17 @@ class ForkServer:
 
         Raise NetworkError if the server has ended, or does not answer.
         """
-        asked = request(name, command, namespace_pid, descriptors)
-        return self.fork(asked, [log, *descriptors])
+        fork_request = request(name, command, namespace_pid, descriptors)
+        return self.fork(fork_request, [log, *descriptors])
 
-    def fork(self, asked: dict[str, Any], files: Sequence[int]) -> Forked:
+    def fork(self, fork_request: dict[str, Any], files: Sequence[int]) -> Forked:
         """Start what `request` describes: with these files, of which the first is its log."""
-        name = asked["name"]
+        name = fork_request["name"]
         with self._one_at_a_time:
             if self._fault:
                 raise NetworkError(self._fault)
             try:
-                socket.send_fds(self._channel, [json.dumps(asked).encode()], files)
+                socket.send_fds(self._channel, [json.dumps(fork_request).encode()], files)
                 answer = self._answer()
             except TimeoutError as error:
                 self._fault = f"{self._program.name} did not start {name} in {FORK_TIMEOUT_S:g} s"
@@ -168,10 +168,10 @@ class ThisProcess:
         namespace_pid: int | None,
         descriptors: Sequence[int],
     ) -> Forked:
-        asked = request(name, command, namespace_pid, descriptors)
+        fork_request = request(name, command, namespace_pid, descriptors)
         pid = os.fork()
         if not pid:
-            fork_server.serve(asked, [log, *descriptors])
+            fork_server.serve(fork_request, [log, *descriptors])
         return Forked(pid)
 
 

@@ -70,9 +70,9 @@ def owner(pid: int) -> Owner | None:
 
 
 def this_process() -> Owner:
-    found = owner(os.getpid())
-    assert found is not None
-    return found
+    process = owner(os.getpid())
+    assert process is not None
+    return process
 
 
 def from_words(words: str) -> Owner | None:
@@ -82,8 +82,8 @@ def from_words(words: str) -> Owner | None:
 
 def gone(words: str) -> bool:
     """Whether these words are those of a run that has ended; what is not ours is never gone."""
-    found = from_words(words)
-    return found is not None and not found.alive
+    process = from_words(words)
+    return process is not None and not process.alive
 
 
 def namespace() -> str:

@@ -50,10 +50,10 @@ def callers_environment() -> dict[str, str]:
     """
     if CALLER not in os.environ:
         return dict(os.environ)
-    kept = f"{CALLER}_"
-    ours = {name for name in os.environ if name == CALLER or name.startswith(kept)}
+    prefix = f"{CALLER}_"
+    ours = {name for name in os.environ if name == CALLER or name.startswith(prefix)}
     others = {name: os.environ[name] for name in os.environ.keys() - ENVIRONMENT.keys() - ours}
-    return {**others, **{name.removeprefix(kept): os.environ[name] for name in ours - {CALLER}}}
+    return {**others, **{name.removeprefix(prefix): os.environ[name] for name in ours - {CALLER}}}
 
 
 class NetworkError(Exception):
@@ -106,9 +106,9 @@ class Elsewhere(Protocol):
 
 def python() -> str:
     """Return the interpreter that has our packages; Mininet's own `mn` runs on another."""
-    own = ROOT / ".venv" / "bin" / "python"  # not there in an installed package
+    interpreter = ROOT / ".venv" / "bin" / "python"  # not there in an installed package
     inside = sys.prefix != sys.base_prefix
-    return sys.executable if inside or not own.exists() else str(own)
+    return sys.executable if inside or not interpreter.exists() else str(interpreter)
 
 
 class Program:

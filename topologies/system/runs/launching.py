@@ -34,10 +34,10 @@ def launch(
     if (machine := getattr(host, "machine", None)) is not None:
         return launch_elsewhere(network, name, module, config, host, machine)
     program = network.program(name)
-    with listeners(network, name, type(config)) as own:
-        path = write(network, name, config, own)
+    with listeners(network, name, type(config)) as opened:
+        path = write(network, name, config, opened)
         command = [python(), "-m", module, "--config", str(path)]
-        inherited = [*descriptors, *own.values()]
+        inherited = [*descriptors, *opened.values()]
         program.start(command, host.pid if host else None, inherited, network.forks())
     return program
 
@@ -64,11 +64,11 @@ class EarlyStart:
         self.program = network.program(name)
         reader, writer = os.pipe()
         self._held = os.fdopen(writer, "wb")  # it reads its configuration when this is closed
-        with listeners(network, name, ControllerConfig) as own, os.fdopen(reader):
-            self._descriptors = own
+        with listeners(network, name, ControllerConfig) as opened, os.fdopen(reader):
+            self._descriptors = opened
             path = network.folder / f"{name}.json"
             command = [python(), "-m", module, "--config", str(path), "--after", str(reader)]
-            descriptors = [reader, *own.values()]
+            descriptors = [reader, *opened.values()]
             self.program.start([*command, *words], host.pid, descriptors, network.forks())
 
     def go_on(self, config: Config) -> None:
@@ -104,16 +104,16 @@ def listeners(network: Runtime, name: str, kind: type[Config]) -> Iterator[dict[
     machine's.
     """
     with ExitStack() as stack:
-        found = {}
+        descriptors = {}
         if network.settings.metrics and issubclass(kind, MeasuredConfig):
             listener = loopback_listener(network.metrics_addresses, name)
-            found["metrics_fd"] = stack.enter_context(listener)
+            descriptors["metrics_fd"] = stack.enter_context(listener)
         if network.settings.gnmi and issubclass(kind, AgentConfig):
             listener = loopback_listener(network.gnmi_addresses, name.removesuffix("-agent"))
-            found["gnmi_fd"] = stack.enter_context(listener)
+            descriptors["gnmi_fd"] = stack.enter_context(listener)
         if network.settings.rest and issubclass(kind, ControllerConfig):
-            found["rest_fd"] = stack.enter_context(rest_listener(network.settings.rest))
-        yield {field: listener.fileno() for field, listener in found.items()}
+            descriptors["rest_fd"] = stack.enter_context(rest_listener(network.settings.rest))
+        yield {field: listener.fileno() for field, listener in descriptors.items()}
 
 
 def rest_listener(address: str) -> socket.socket:

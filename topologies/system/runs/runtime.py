@@ -200,8 +200,8 @@ class Runtime:
 
     def kept_keys(self, host: str) -> Path:
         """Return the folder of this machine for the keys of a host, when the network has ended."""
-        kept = self.settings.keys
-        return self._keys_in(Path(kept) if kept else self.folder / "keys", host)
+        folder = self.settings.keys
+        return self._keys_in(Path(folder) if folder else self.folder / "keys", host)
 
     def _keys_in(self, folder: Path, host: str) -> Path:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -257,8 +257,8 @@ class Runtime:
 
     def socket(self, name: str) -> str:
         """Return the path of a Unix socket (they cross network namespaces)."""
-        own = self.own_folder(name) if name in self.devices else self.folder
-        return str(own / f"{name}.sock")
+        folder = self.own_folder(name) if name in self.devices else self.folder
+        return str(folder / f"{name}.sock")
 
     def program(self, name: str) -> Program:
         program = Program(name, self.private_file(f"{name}.log"))

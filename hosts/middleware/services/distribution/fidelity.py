@@ -67,9 +67,9 @@ class Estimate:
         if not self.measured.all():
             return None
         z, x, y = (2 * self.right / self.measured - 1).tolist()  # signs as of Phi+
-        kept = [exp(-waited_s / memory.t1_s) for memory in both]
+        unrelaxed = [exp(-waited_s / memory.t1_s) for memory in both]
         coherent = exp(-sum(waited_s / memory.t2_s for memory in both))
-        relaxed = kept[0] * kept[1] * z + (1 - kept[0]) * (1 - kept[1])
+        relaxed = unrelaxed[0] * unrelaxed[1] * z + (1 - unrelaxed[0]) * (1 - unrelaxed[1])
         clean = exp(-sum(waited_s / memory.depolarizing_s for memory in both))
         fidelity: float = (1 + clean * (coherent * (x + y) + relaxed)) / 4
         return min(max(fidelity, 0.0), 1.0)

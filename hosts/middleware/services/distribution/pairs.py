@@ -119,10 +119,10 @@ class Pairs:
     ) -> Steps[None]:
         """Keep of a new block the pairs of which both halves have arrived; all were emitted."""
         self.admit(number)
-        kept = 0
+        size = 0
         if ours.size:
-            kept = yield from keep(self._name(number), ours & theirs)
-        self.add(number, ours.size if emitted is None else emitted, kept, since_ns)
+            size = yield from keep(self._name(number), ours & theirs)
+        self.add(number, ours.size if emitted is None else emitted, size, since_ns)
 
     def corrected(self, pairs: int, waited_ns: int) -> None:
         """Note how long the halves of pairs at this end have waited for the bits of all swaps."""
@@ -145,12 +145,12 @@ class Pairs:
         yield from do(Qnic.store, self._name(number), for_good=True)
         return held
 
-    def drop_old(self, number: int, kept: Mask) -> Steps[None]:
+    def drop_old(self, number: int, mask: Mask) -> Steps[None]:
         """Keep those pairs of a block alone that both ends hold."""
         portion = self.portion(number)
-        self.dropped += portion.size - int(np.count_nonzero(kept))
+        self.dropped += portion.size - int(np.count_nonzero(mask))
         self.facts.dropped = self.dropped
-        portion.size = yield from keep_of_all(self._name(number), kept)
+        portion.size = yield from keep_of_all(self._name(number), mask)
         self._forget_empty(number)
 
     def purify(self, number: int, protocol: Protocol, seed: int) -> Steps[None]:

@@ -155,8 +155,8 @@ class Opening:
     @property
     def _judged(self) -> bool:
         estimate = self._pairs.estimate
-        known = estimate.fidelity is not None or not self._least_sample
-        return known and estimate.total >= self._least_sample
+        has_fidelity = estimate.fidelity is not None or not self._least_sample
+        return has_fidelity and estimate.total >= self._least_sample
 
     @property
     def _too_noisy(self) -> bool:
@@ -204,15 +204,15 @@ class Opening:
             return 0
         free = self._capacity - pairs.available - coming
         most = min(self._side.setup.pairs, int(self._side.setup.rate_hz * MAX_BLOCK_S), free)
-        wanted = self._wanted
-        if wanted is None:
+        size = self._wanted
+        if size is None:
             if self._under_way:
                 return 0
             more = 4 if self._cutoff_s == inf else 1  # pairs of more light are older
             return max(1, min(most, more * self._size))
         if self._under_way:
-            return max(0, min(most, ceil(wanted) - coming))
-        return max(1, min(most, ceil(wanted)))
+            return max(0, min(most, ceil(size) - coming))
+        return max(1, min(most, ceil(size)))
 
     @property
     def _wanted(self) -> float | None:
@@ -222,14 +222,14 @@ class Opening:
         unsampled = self._unsampled
         good = pairs.available + pairs.sacrificed
         if not pairs.emitted:
-            kept = float(PHOTONS) ** -pairs.rounds
+            chance = float(PHOTONS) ** -pairs.rounds
         elif good:
-            kept = good / pairs.emitted
+            chance = good / pairs.emitted
         else:
             return None
         # Pairs beyond the wanted ones are sacrificed, and of each block its share.
-        wanted = max(missing + unsampled, missing / (1 - share))
-        return MARGIN * wanted / kept + 1
+        needed = max(missing + unsampled, missing / (1 - share))
+        return MARGIN * needed / chance + 1
 
     @property
     def _unsampled(self) -> float:

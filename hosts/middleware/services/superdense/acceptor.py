@@ -117,30 +117,30 @@ class Acceptor:
             self._expected = block, light
 
     def _measure(self, order: Measure) -> Steps[Symbols]:
-        found = yield from self._found(order.block)
-        if found is None:
+        coincidences = yield from self._found(order.block)
+        if coincidences is None:
             yield from do(Qnic.discard_block, self._side.setup.session, order.block)
             return self.receiver.read(order, None)
-        return self.receiver.read(order, found.outcomes)
+        return self.receiver.read(order, coincidences.outcomes)
 
     def _found(self, block: int) -> Steps[Coincidences | None]:
         """Return the arrivals of a block that was sent; None: it is lost."""
         light = yield from self._taken(block)
         if light is None:
-            asked = yield from self._detecting(block, ARRIVED_TIMEOUT_S)
-            return (yield protocol.Collect(asked))  # type: ignore[no-any-return]
+            detection = yield from self._detecting(block, ARRIVED_TIMEOUT_S)
+            return (yield protocol.Collect(detection))  # type: ignore[no-any-return]
         (here,) = yield Await((light,), OUTCOME_TIMEOUT_S)
-        if here and (found := (yield protocol.Collect(light))) is not None:
-            return found  # type: ignore[no-any-return]
+        if here and (coincidences := (yield protocol.Collect(light))) is not None:
+            return coincidences  # type: ignore[no-any-return]
         # If light was here, its outcome comes before what is asked now is answered.
-        asked = yield from self._detecting(block, ARRIVED_TIMEOUT_S)
-        here, _answered = yield Await((light, asked))
-        found = (yield protocol.Collect(light)) if here else None
-        if found is None:
-            found = yield protocol.Collect(asked)
-        for each in (light, asked):
+        detection = yield from self._detecting(block, ARRIVED_TIMEOUT_S)
+        here, _answered = yield Await((light, detection))
+        coincidences = (yield protocol.Collect(light)) if here else None
+        if coincidences is None:
+            coincidences = yield protocol.Collect(detection)
+        for each in (light, detection):
             yield Cancel(each)
-        return found  # type: ignore[no-any-return]
+        return coincidences  # type: ignore[no-any-return]
 
     def _taken(self, block: int) -> Steps[Light | None]:
         """Return the light of a block if it is expected; nothing is any more then."""

@@ -140,8 +140,8 @@ class Inbox:
                 self._complete[frame.number] = part
                 right.append(part)
             else:
-                own = symbols[dibits.PER_BYTE * start : dibits.PER_BYTE * end]
-                self._frames[frame.number] = _Incoming(frame, own.copy())
+                copied = symbols[dibits.PER_BYTE * start : dibits.PER_BYTE * end]
+                self._frames[frame.number] = _Incoming(frame, copied.copy())
                 wrong.append(frame.number)
             start = end
         self.confusion[DIAGONAL] += dibits.counts(b"".join(right))

@@ -97,10 +97,10 @@ class Outbox:
 
         As long as most pairs arrive, each round asks for half as many as the one before anyway.
         """
-        wanted = missing = int(self._open.size)
+        pairs = missing = int(self._open.size)
         if missing and 2 * self._arrived < self._sent:
-            wanted = ceil(max(missing, LEAST_ARRIVALS) * self._sent / max(self._arrived, 1))
-        return min(wanted, self._block_pairs)
+            pairs = ceil(max(missing, LEAST_ARRIVALS) * self._sent / max(self._arrived, 1))
+        return min(pairs, self._block_pairs)
 
     def dark(self, block: OutgoingBlock) -> None:
         """No light reached this host: the frames of the block go into a later one."""

@@ -67,8 +67,8 @@ class PerfectCode:
         leaders = np.zeros((1 << self.n - self.k, self.n), dtype=np.uint8)
         for weight in range((self.distance - 1) // 2 + 1):
             places = np.array(list(combinations(range(self.n), weight)), dtype=np.intp)
-            found = syndromes[places].sum(axis=1, dtype=np.intp) & 1
-            leaders[(found @ self._check_weights)[:, None], places] = 1
+            syndrome_bits = syndromes[places].sum(axis=1, dtype=np.intp) & 1
+            leaders[(syndrome_bits @ self._check_weights)[:, None], places] = 1
         return leaders
 
     def _nearest(self, words: Bits) -> Bits:
