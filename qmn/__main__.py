@@ -35,6 +35,7 @@ OWN: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "cli": "a network with a command line",
             "script": "run a Python script, which may start networks",
             "worker": "offer this machine to networks over several",
+            "rootless": "another verb, without root of this machine",
         },
         "look at a network, or at a run": {
             "enter": "a shell, or a command, inside a network that runs",

@@ -29,7 +29,7 @@ def become_root(words: Sequence[str]) -> None:
         return
     sudo = shutil.which("sudo")
     if sudo is None:
-        raise NoRoot("this needs root, and there is no sudo: run it as root")
+        raise NoRoot("this needs root, and there is no sudo: run it as root, or by `qmn rootless`")
     os.execv(sudo, ["sudo", COMMAND, *words])  # noqa: S606
 
 

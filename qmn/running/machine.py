@@ -50,7 +50,10 @@ def user() -> Finding:
     """The user: namespaces and bridges are root's."""
     if os.geteuid() == 0:
         return Finding("user", WORKS, "root")
-    remedy = "`sudo qmn doctor` checks more; verbs that need root ask for it by themselves"
+    remedy = (
+        "`sudo qmn doctor` or `qmn rootless doctor` checks more; verbs that need root ask for it "
+        "by sudo"
+    )
     return Finding("user", LIMITED, f"not root but user {os.geteuid()}", remedy)
 
 

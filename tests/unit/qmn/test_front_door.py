@@ -80,7 +80,7 @@ STEERS = (
 )
 LOOKS = (
     "spy runs/latest|report runs/latest|replay runs/latest|wireshark|doctor|sabot run bell.qasm|"
-    "lab sweep sdc|lab curves|lab|lab published"
+    "lab sweep sdc|lab curves|lab|lab published|rootless run sdc"
 )
 
 
@@ -112,7 +112,9 @@ def test_where_there_is_no_sudo_the_user_hears_so(tmp_path: Path) -> None:
     environment = {**os.environ, "PATH": str(tmp_path)}
     done = run(sys.executable, "-c", AN_ORDINARY_USER, "devices", cwd=ROOT, env=environment)
     assert done.returncode == 1
-    assert done.stderr == "qmn: this needs root, and there is no sudo: run it as root\n"
+    assert done.stderr == (
+        "qmn: this needs root, and there is no sudo: run it as root, or by `qmn rootless`\n"
+    )
 
 
 def install(prefix: Path, *words: str) -> subprocess.CompletedProcess[str]:
