@@ -43,7 +43,9 @@ class NetworkLoop(uvloop.Loop):
         """Call back after a time of the network; `call_at` and all time-outs come to here."""
         time = self.network_time
         if isinstance(time, SteppedTime):
-            due_ns = time.now_ns() + round(delay * 1e9)
+            # Less than a nanosecond is one: else who waits for a deadline whose sum was rounded up
+            # is called again and again at an instant that never ends.
+            due_ns = time.now_ns() + max(round(delay * 1e9), delay > 0)
             return timers_of(self, time).call_at(due_ns, callback, *arguments, context=context)
         return super().call_later(time.wall_s(delay), callback, *arguments, context=context)
 

@@ -6,6 +6,7 @@ from threading import Thread
 
 import pytest
 from limits import SOON_S
+from stepping import stepping
 
 from hosts import network_loop
 from hosts.network_loop import now_s, wall_sleep
@@ -52,3 +53,31 @@ def test_what_finds_the_network_does_not_wait_for_its_time() -> None:
 
 def test_in_a_loop_that_knows_no_network_time_a_pause_is_what_it_says() -> None:
     network_loop.run(wall_sleep(0.001))
+
+
+def test_a_deadline_beyond_the_last_nanosecond_comes() -> None:
+    """The sum of a time and a time-out is rounded up; stepped, the clock stands while we look."""
+
+    async def act() -> float:
+        loop, looks = asyncio.get_running_loop(), 0
+        await asyncio.sleep(1015.181000934)
+        until_s = loop.time() + 10.0
+        assert until_s == 1025.1810009340002
+        reached = loop.create_future()
+
+        def look() -> None:
+            nonlocal looks
+            looks += 1
+            if loop.time() >= until_s:
+                reached.set_result(loop.time())
+            elif looks < 10:
+                loop.call_at(until_s, look)
+            else:
+                reached.set_exception(AssertionError("the clock stands"))
+
+        look()
+        return float(await reached)
+
+    with stepping() as gate:
+        gate.time.begin()
+        assert network_loop.run(act(), gate.time) == 1025.181000935
