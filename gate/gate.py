@@ -160,7 +160,7 @@ class Gate:
         if in_background and not (self._wall_ns or self._clock[TAKEN]):
             return []
         now_ns = self._clock[0]
-        return [each for each in self._clients.values() if each.is_due(now_ns, in_background)]
+        return [client for client in self._clients.values() if client.is_due(now_ns, in_background)]
 
     @property
     def _next_ns(self) -> int:
@@ -168,7 +168,7 @@ class Gate:
         awaited = (client.deadline_ns for client in clients if client.turn != WATCH)
         if (awaited_ns := min(awaited, default=NEVER)) == NEVER:
             return NEVER
-        return min(awaited_ns, *(each.deadline_ns for each in clients))
+        return min(awaited_ns, *(client.deadline_ns for client in clients))
 
     @property
     def _is_next(self) -> bool:

@@ -35,4 +35,4 @@ def limit_met(error: OSError) -> str:
 
 def full_disks() -> list[str]:
     folders = Path("/run"), Path(tempfile.gettempdir()), Path.cwd()
-    return [str(each) for each in folders if shutil.disk_usage(each).free < BLOCK_BYTES]
+    return [str(folder) for folder in folders if shutil.disk_usage(folder).free < BLOCK_BYTES]

@@ -64,7 +64,7 @@ def titled(parser: argparse.ArgumentParser, title: str) -> argparse._ActionsCont
     """Return the group of a parser's options with this title, or the parser if there is none."""
     if not title:
         return parser
-    groups = [each for each in parser._action_groups if each.title == title]
+    groups = [group for group in parser._action_groups if group.title == title]
     return groups[0] if groups else parser.add_argument_group(title)
 
 
@@ -154,12 +154,12 @@ def check_range(name: str, value: float, least: float, most: float) -> None:
 
 def _fields(kind: "type[DataclassInstance]") -> list["Field[Any]"]:
     """Return the fields of a dataclass, its own before those of its bases."""
-    names = [name for each in kind.__mro__ for name in vars(each).get("__annotations__", ())]
+    names = [name for base in kind.__mro__ for name in vars(base).get("__annotations__", ())]
     return sorted(fields(kind), key=lambda each: names.index(each.name))
 
 
 def _group(kind: "type[DataclassInstance]", name: str) -> str:
-    declares = next(each for each in kind.__mro__ if name in vars(each).get("__annotations__", ()))
+    declares = next(base for base in kind.__mro__ if name in vars(base).get("__annotations__", ()))
     return str(vars(declares).get("GROUP", ""))
 
 
@@ -186,7 +186,7 @@ def _how(option: "Field[Any]", declaration: Declaration) -> dict[str, Any]:
 
 def kind_of(hint: Any) -> Any:
     if get_origin(hint) is UnionType:
-        hint = next(each for each in get_args(hint) if each is not type(None))
+        hint = next(option for option in get_args(hint) if option is not type(None))
     return get_origin(hint) or hint
 
 

@@ -86,7 +86,7 @@ class FabricTopo(QuantumTopo):
             *signature(self.build).parameters.values(),
             *signature(self.set_up).parameters.values(),
         ]
-        return [each.name for each in named if each.kind == Parameter.POSITIONAL_OR_KEYWORD]
+        return [one.name for one in named if one.kind == Parameter.POSITIONAL_OR_KEYWORD]
 
     def add_dispatcher(self, address: str) -> None:
         """Add ed, with copper to s1."""

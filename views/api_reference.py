@@ -62,9 +62,9 @@ def class_described(name: str, kind: type) -> Iterator[str]:
     yield description(name, kind)
     if is_dataclass(kind):
         rows = [
-            (f"`{each.name}`", default(each), of_field(kind, each))
-            for each in fields(kind)
-            if not each.name.startswith("_")
+            (f"`{field.name}`", default(field), of_field(kind, field))
+            for field in fields(kind)
+            if not field.name.startswith("_")
         ]
         yield table(("field", "default", "meaning"), rows)
     for method, function in methods(kind):

@@ -19,9 +19,9 @@ from typing import Any, get_args, get_type_hints
 def of_fields(kind: type) -> dict[str, str]:
     """Return the comment of each field of a class and of its bases, by name; "" for none."""
     comments: dict[str, str] = {}
-    for each in reversed(kind.__mro__):
-        if each.__module__ != "builtins" and "__annotations__" in vars(each):
-            comments |= _own(each)
+    for base in reversed(kind.__mro__):
+        if base.__module__ != "builtins" and "__annotations__" in vars(base):
+            comments |= _own(base)
     return comments
 
 

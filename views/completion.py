@@ -54,7 +54,7 @@ def completed() -> argparse.ArgumentParser:
 
 def lists(parser: Parser) -> Iterator[str]:
     for title, verbs in parser.verbs_under_headings():
-        yield listed(title, {each.dest: str(each.help) for each in verbs})
+        yield listed(title, {verb.dest: str(verb.help) for verb in verbs})
 
 
 def actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:

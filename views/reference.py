@@ -34,7 +34,7 @@ OPTIONS = ("option", "unit", "default", "range", "meaning")
 SETTINGS = ("setting", "unit", "default", "range", "source", "meaning")
 FIELDS = ("field", "unit", "type", "always there", "meaning")
 OF_NO_RANGE = ("bell_diagonal", "decoys", "noise", "noise_parameters")
-OF_FIBERS = {each.name: each for each in fields(FiberOptics)}  # which are options, too
+OF_FIBERS = {field.name: field for field in fields(FiberOptics)}  # which are options, too
 UNSET: tuple[object, ...] = (None, argparse.SUPPRESS, "", [], ())
 IN_HELP = re.compile(r"default: ([^)]*)|(?<=\()(?!default)([^()]*)\)$")
 NO_DEFAULT = ("repeatable", "docs/", "more than once", "or more")  # ends of help, too
@@ -43,7 +43,7 @@ Row = tuple[str, ...]
 
 def page() -> str:
     parts = [INTRODUCTION, *verbs(), "## Settings of devices, fibres and switches"]
-    parts += [settings(f"`HOST.{each.name}.…`", each.type) for each in fields(Device)]
+    parts += [settings(f"`HOST.{field.name}.…`", field.type) for field in fields(Device)]
     parts += [settings("Fibres", FiberOptics), settings("Quantum switches", QuantumSwitch)]
     return "\n\n".join([*parts, "## Fields of result.json", *results()]) + "\n"
 
@@ -108,15 +108,15 @@ def default_text(action: argparse.Action) -> str:
 def settings(title: str, kind: Any) -> str:
     rows = [
         (
-            f"`{each.name}`",
-            unit_of(each.name),
-            default_of(each),
-            declared_range(each),
-            source_of(each),
-            meaning(kind, each.name),
+            f"`{field.name}`",
+            unit_of(field.name),
+            default_of(field),
+            declared_range(field),
+            source_of(field),
+            meaning(kind, field.name),
         )
-        for each in fields(kind)
-        if {"range", "choices"} & each.metadata.keys() or each.name in OF_NO_RANGE
+        for field in fields(kind)
+        if {"range", "choices"} & field.metadata.keys() or field.name in OF_NO_RANGE
     ]
     return f"### {title}\n\n{table(SETTINGS, rows)}"
 

@@ -45,9 +45,9 @@ def _selection() -> Callable[..., EntryPoints]:
 def registered(group: str, taken: Collection[str] = ()) -> dict[str, EntryPoint]:
     """Return the entry points of a group by name; raise ImportError for a name that is taken."""
     entries = sorted(_selection()(group=group), key=lambda each: each.name)
-    named = {each.name: each for each in entries}
+    named = {entry.name: entry for entry in entries}
     if len(named) < len(entries):
-        values = ", ".join(each.value for each in entries)
+        values = ", ".join(entry.value for entry in entries)
         raise ImportError(f"two entry points of {group} have the same name: {values}; remove one")
     if clashes := [f"{name} ({named[name].value})" for name in named if name in taken]:
         raise ImportError(f"{group}: {', '.join(clashes)}: qmn has this name itself; rename it")
@@ -58,7 +58,7 @@ def only(option: str, group: str) -> EntryPoint:
     """Return the one entry point that an option needs; raise BadPackage for none or several."""
     entries = [*registered(group).values()]
     if len(entries) != 1:
-        values = ", ".join(each.value for each in entries)
+        values = ", ".join(entry.value for entry in entries)
         remedy = f"keep one of {values}" if entries else "install one"
         raise BadPackage(f"{option}: one package provides {group}: {remedy}")
     return entries[0]

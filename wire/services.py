@@ -34,7 +34,7 @@ class Making(Enum):
     STATION = "station"  # of a quantum switch: it heralds pairs of qubits that emit at either end
 
 
-REGISTERED = {Service(each.number): each for each in registered_services()}
+REGISTERED = {Service(service.number): service for service in registered_services()}
 LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
     {
         # One photon of each pair goes by way of the opener, the other straight to the acceptor.

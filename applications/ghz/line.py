@@ -139,8 +139,8 @@ class Right:
         return heard.astype(np.uint8).reshape(shape)  # type: ignore[no-any-return]
 
     def tell(self, *messages: Say) -> Steps[None]:
-        for each in messages:
-            yield OnConnection(self.connection, saying(each))
+        for message in messages:
+            yield OnConnection(self.connection, saying(message))
 
     def hear(
         self, topic: Topic, number: int, count: int, most: int, timeout_s: float

@@ -101,7 +101,7 @@ class Graph:
         """Return the edges of each layer of pairs: as few layers as the busiest link has edges."""
         layers: list[list[Edge]] = []
         for edge in sorted(self.edges):
-            free = next((each for each in layers if each[-1][1] <= edge[0]), None)
+            free = next((layer for layer in layers if layer[-1][1] <= edge[0]), None)
             if free is None:
                 layers.append([edge])
             else:

@@ -117,7 +117,7 @@ class Interface:
         """Pass on what one session of another host brings, until its end."""
         stream = PacketStream(self._config.mtu)
         addresses = outgoing.neighbor.address, outgoing.neighbor.address6
-        sources = {ip_address(each) for each in addresses if each}
+        sources = {ip_address(address) for address in addresses if address}
         try:
             with connection:
                 while data := connection.recv(READ_BYTES):

@@ -148,7 +148,7 @@ def made(
 def given(folder: Path, names: Sequence[str]) -> dict[str, CertificateFiles]:
     """Return the files of a folder; NetworkError if one is missing."""
     files = {name: in_folder(folder, name) for name in names}
-    needed = [path for each in files.values() for path in (each.certificate, each.private_key)]
+    needed = [path for file in files.values() for path in (file.certificate, file.private_key)]
     for path in (folder / AUTHORITY, *needed):
         if not path.is_file():
             raise NetworkError(

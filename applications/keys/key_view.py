@@ -80,7 +80,7 @@ def _virtual(network: KeyNetwork, host: str, application: Application) -> dict[s
         **_common(nodes[0], nodes[-1], "VIRT", "ACTIVE"),
         "qkdl_applications": _backed(network, (nodes[0], nodes[-1])),
         "virt_prev_hop": identifier(nodes[place - 1]) if place else None,
-        "virt_next_hop": [identifier(each) for each in nodes[place + 1 : place + 2]],
+        "virt_next_hop": [identifier(node) for node in nodes[place + 1 : place + 2]],
         "qmn": {"from": nodes[0], "to": nodes[-1], "route": nodes},
     }
 

@@ -45,7 +45,7 @@ class LinkState:
     withheld: bool = False  # whether no key goes out, for too many errors
 
 
-LINK_NAMES = tuple(each.name for each in fields(LinkState))
+LINK_NAMES = tuple(field.name for field in fields(LinkState))
 
 
 @dataclass(frozen=True)

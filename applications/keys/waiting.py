@@ -82,8 +82,8 @@ class WaitingKeys:
 
     def fetch(self, caller: str, master: str, ids: Sequence[UUID]) -> list[DeliveredKey]:
         """Hand out keys to a slave; raise Refused, and hand out none, if one is not for it."""
-        entries = [self._keys.get(each) for each in ids]
-        waiting = [each for each in entries if each is not None and each.master == master]
+        entries = [self._keys.get(key_id) for key_id in ids]
+        waiting = [entry for entry in entries if entry is not None and entry.master == master]
         if any(caller not in each.slaves for each in waiting):
             raise unauthorized()
         if len(waiting) < len(ids) or any(caller not in each.missing for each in waiting):

@@ -42,8 +42,8 @@ MOST_JOINED = 256  # connections that no socket has taken up yet
 def any_ready(files: Sequence["Socket | socket.socket | int"], timeout_s: float | None) -> bool:
     """Return whether something can be read in time; unlike select, above 1,023 open files, too."""
     poll = select.poll()
-    for each in files:
-        poll.register(each, select.POLLIN)
+    for file in files:
+        poll.register(file, select.POLLIN)
     return ready(poll, timeout_s)
 
 

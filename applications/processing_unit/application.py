@@ -29,7 +29,7 @@ MOST_EVENT_TEXT = 1000  # characters of a subroutine in quantum events
 
 
 def event_text(subroutine: Subroutine) -> str:
-    instructions = [str(each) for each in subroutine.instructions]
+    instructions = [str(instruction) for instruction in subroutine.instructions]
     text = "; ".join(instructions) or "no instruction"
     if len(text) <= MOST_EVENT_TEXT:
         return text

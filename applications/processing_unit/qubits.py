@@ -128,7 +128,7 @@ class Qubits:
         operations, outcomes = self._operations, self._outcomes
         self._operations, self._outcomes = [], []
         held = set(self._blocks.values())
-        used = (block for each in operations for block in (each.block, each.target))
+        used = (block for operation in operations for block in (operation.block, operation.target))
         stored = (Operation(Kind.STORE, block) for block in dict.fromkeys(used) if block in held)
         bits = await self._qnic.process([*operations, *stored])
         if NO_CLICK in bits:

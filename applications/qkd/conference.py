@@ -126,7 +126,7 @@ class Transcript:
         self._checker.check(self._whole(), tag)
 
     def _whole(self) -> bytes:
-        lengths = b"".join(len(each).to_bytes(8, "big") for each in self._messages)
+        lengths = b"".join(len(message).to_bytes(8, "big") for message in self._messages)
         return lengths + b"".join(self._messages)
 
 

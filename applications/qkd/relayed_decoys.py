@@ -46,7 +46,7 @@ class PairSifted:
         differ = np.zeros(bases.size, dtype=bool)
         differ[disclosed] = wrong
         chosen = ~disclosed & ~test, test, test & differ
-        return cls(*(_by_levels(*(each[mask] for each in levels)) for mask in chosen))
+        return cls(*(_by_levels(*(level[mask] for level in levels)) for mask in chosen))
 
 
 def _by_levels(alice: Bits, bob: Bits) -> Counts:

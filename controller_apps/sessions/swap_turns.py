@@ -115,9 +115,9 @@ class SwapTurns:
         ends = [self._end(span.left, True), self._end(span.right, False)]
         memories = [end for end in ends if isinstance(end, SwitchPort)]
         heralds = [self._held[end].get(block) for end in memories]
-        if len({each.pulses if each else 0 for each in heralds}) > 1 or not all(heralds):
+        if len({herald.pulses if herald else 0 for herald in heralds}) > 1 or not all(heralds):
             return []
-        held = [np.frombuffer(each.outcomes, np.uint8) for each in heralds if each]
+        held = [np.frombuffer(herald.outcomes, np.uint8) for herald in heralds if herald]
         at_both = np.flatnonzero(np.bitwise_or.reduce(held) == 0)  # 0: it is held
         operators = np.zeros(at_both.size, np.uint8)
         if self.stations:

@@ -140,7 +140,7 @@ def most_pairs(
     """Return how many pairs blocks of a chain may have: as many as all under way may be stored."""
     firsts = [SwitchPort(*path.hops[0][:2]) for path in paths]
     modes = [network.modes[at] for at in firsts if at in network.modes]
-    return max(1, min([pairs, *(each // blocks for each in modes)]))
+    return max(1, min([pairs, *(mode // blocks for mode in modes)]))
 
 
 def _most_loss_mdb(network: Network, path: LightPath, able: Sequence[tuple[int, Parts]]) -> int:
@@ -150,7 +150,7 @@ def _most_loss_mdb(network: Network, path: LightPath, able: Sequence[tuple[int, 
     """
     optics, hops = network.optics, path.hops
     switches = [optics.path(*hop) for hop in hops]
-    passed_mdb = [0 if each is None else each.loss_mdb for each in switches]
+    passed_mdb = [0 if switch is None else switch.loss_mdb for switch in switches]
     entered_mdb = [optics.fiber_loss_mdb(SwitchPort(hops[0].dpid, hops[0].in_port), None)]
     for place, (near, far) in enumerate(pairwise(hops)):
         ends = SwitchPort(near.dpid, near.out_port), SwitchPort(far.dpid, far.in_port)

@@ -308,9 +308,9 @@ class DetectorPair:
         slots = union(*seen.slots)
         photons = among(slots, union(*clicks))
         detection = self._read(
-            [among(slots, each) for each in seen.slots],
+            [among(slots, slot) for slot in seen.slots],
             photons,
-            [among(slots, each) for each in clicks],
+            [among(slots, click) for click in clicks],
             random,
         )
         return slots, replace(

@@ -152,7 +152,7 @@ def overlap(first: Spectrum, second: Spectrum, filter_rad_per_s: float) -> Overl
     """
     spectra = first, second
     apart_mhz = second.frequency_mhz - first.frequency_mhz if all(s[2] for s in spectra) else 0
-    widths = [filter_rad_per_s or angular_width(each.bandwidth_nm) for each in spectra]
+    widths = [filter_rad_per_s or angular_width(spectrum.bandwidth_nm) for spectrum in spectra]
     if not any(widths):
         return Overlap(0.0 if apart_mhz else 1.0)
     widths = [width or max(widths) for width in widths]

@@ -99,7 +99,7 @@ class ChannelCrosstalk:
     def effect(self, passage: Passage) -> Effect:
         stays = 1 - self._share * len(self._neighbours)
         lost = ~passage.happens("stay", stays)
-        lit = [self._strand[each] for each in self._neighbours if self._lit(each)]
+        lit = [self._strand[neighbour] for neighbour in self._neighbours if self._lit(neighbour)]
         if not lit:
             return Effect(lost=lost, transmission=stays)
         schedule, window_ns = passage.schedule, self._window_ns

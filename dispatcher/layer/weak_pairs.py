@@ -73,7 +73,7 @@ class Pairs:
         pulses = self._pulses(keys[some])
         order = in_order(pulses)
         pulses, some = pulses[order], some[order]
-        one, other = (Photons(pulses, each[some], keys[some]) for each in fates)
+        one, other = (Photons(pulses, fate[some], keys[some]) for fate in fates)
         return one, other
 
     def _fates(self, keys: NDArray[np.uint64], half: int) -> NDArray[np.float64]:

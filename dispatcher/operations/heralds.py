@@ -53,7 +53,7 @@ class Heralded:
         return self.rounds.size
 
     def only(self, chosen: NDArray[np.bool_]) -> "Heralded":
-        first, second = (each[chosen] for each in self.paulis)
+        first, second = (pauli[chosen] for pauli in self.paulis)
         return Heralded(
             self.rounds[chosen],
             self.kind[chosen],

@@ -288,6 +288,6 @@ def _noise(halves: tuple[Half, Half], random: PhotonRandom) -> tuple[Bytes, Byte
     extras = [half.extras for half in halves if half.extras is not None]
     if not extras:
         return None
-    counts = np.minimum(sum(each.astype(np.int64) for each in extras), 255)
+    counts = np.minimum(sum(extra.astype(np.int64) for extra in extras), 255)
     first = random.generator("noise").binomial(counts, 0.5)
     return first.astype(np.uint8), (counts - first).astype(np.uint8)

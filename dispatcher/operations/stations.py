@@ -100,9 +100,9 @@ class Stations:
     def forget(self, node: str, session: int) -> None:
         """Forget what a node attempts in a session that it discards."""
         for queue in self._waiting.values():
-            for each in list(queue):
-                if (each.offer.end.node, each.offer.name.session) == (node, session):
-                    self._take(queue, each)
+            for request in list(queue):
+                if (request.offer.end.node, request.offer.name.session) == (node, session):
+                    self._take(queue, request)
 
     def close(self, switch: str, connected: set[int]) -> None:
         """End attempts at inputs to which no connection of the switch leads any more."""

@@ -43,7 +43,7 @@ class Sabot:
         return self._backend.NAME
 
     def simulated_by(self, *registers: Register) -> str:
-        names = {share.component.state.NAME for each in registers for share in each.shares}
+        names = {share.component.state.NAME for register in registers for share in register.shares}
         return "+".join(sorted(names)) or self.backend
 
     @property

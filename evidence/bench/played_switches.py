@@ -204,7 +204,7 @@ class PlayedNetwork:
 
     def announce(self) -> None:
         frames = [(host.number, LIGHT_TABLE, host.announcement()) for host in self.hosts]
-        self.q1.send(*(self.q1.packet_in(*each) for each in frames))
+        self.q1.send(*(self.q1.packet_in(*frame) for frame in frames))
 
     async def ask(self, opener: Host, acceptor: Host, place: int) -> Setup:
         asking = Asking(opener, acceptor, place)

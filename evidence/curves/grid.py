@@ -51,7 +51,7 @@ def build(experiment: Experiment, content: Mapping[str, object]) -> Grid:
         sizes = " x ".join(f"{len(axis)} {name}" for name, axis in axes.items())
         raise BadGrid(f"{grid.size:,} points ({sizes}): at most {MAX_POINTS:,} in one sweep")
     pairs = axes.get("pairs", [experiment.complete({}).get("pairs", 0)])
-    total = grid.size // len(pairs) * sum(int(each) for each in pairs)
+    total = grid.size // len(pairs) * sum(int(pair) for pair in pairs)
     if total > MAX_PAIRS:
         raise BadGrid(f"{total:,} pairs in all points: at most {MAX_PAIRS:,} in one sweep")
     return grid

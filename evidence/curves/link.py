@@ -60,13 +60,13 @@ def link(values: Values, seed: int) -> Laboratory:
 
 
 def optics_of(values: Values) -> dict[str, Any]:
-    return {each.name: values[each.name] for each in FIBER if each.name in values}
+    return {setting.name: values[setting.name] for setting in FIBER if setting.name in values}
 
 
 def is_plain(values: Values, *but: str) -> bool:
     """Return whether everything of the link is ideal, but for what is named."""
     numbers = (each for each in (*FIBER, *DEVICES) if each.name not in ("kind", *but))
-    return all(values[each.name] == each.default for each in numbers)
+    return all(values[number.name] == number.default for number in numbers)
 
 
 def fiber(port: str, far_port: str, **parameters: Any) -> Fiber:

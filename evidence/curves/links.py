@@ -119,8 +119,8 @@ def classes_of_chain(v: Point) -> list[Class]:
 def routes(v: Point) -> tuple[list[float], list[Sequence[int]], list[int]]:
     """Return the chain as theory takes it: loads, the links of each class, their fibres."""
     classes = classes_of_chain(v)
-    ways: list[Sequence[int]] = [range(each.begin - 1, each.end - 1) for each in classes]
-    return [each.load for each in classes], ways, [int(v.channels)] * int(v.links)
+    ways: list[Sequence[int]] = [range(kind.begin - 1, kind.end - 1) for kind in classes]
+    return [kind.load for kind in classes], ways, [int(v.channels)] * int(v.links)
 
 
 async def over_links(v: Point, seed: int) -> Outcome:
@@ -148,6 +148,6 @@ def classes_of_trunk(v: Point) -> list[Class]:
 
 
 def of_several_fibers(v: Point) -> dict[str, float]:
-    loads = [each.load for each in classes_of_trunk(v)]
+    loads = [kind.load for kind in classes_of_trunk(v)]
     narrow, wide = kaufman_roberts(loads, [1, WIDE], int(v.channels))
     return {"narrow": narrow, "wide": wide}

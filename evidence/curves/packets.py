@@ -107,10 +107,10 @@ def timetable(applications: Sequence[Application], pairs: Pairs) -> list[float] 
     """
     free: defaultdict[frozenset[str], float] = defaultdict(float)
     starts = []
-    for each in applications:
-        links = [frozenset(ends) for ends in pairwise(each.path)]
+    for application in applications:
+        links = [frozenset(ends) for ends in pairwise(application.path)]
         starts.append(max(free[link] for link in links))
-        free.update(dict.fromkeys(links, starts[-1] + each.window * pairs.slot_s))
+        free.update(dict.fromkeys(links, starts[-1] + application.window * pairs.slot_s))
     return starts if max(free.values()) <= pairs.period_s + ROUNDING_S else None
 
 
@@ -133,7 +133,7 @@ class Requests:
 
     @property
     def released(self) -> int:
-        return sum(each.releases for each in self.applications)
+        return sum(application.releases for application in self.applications)
 
     @property
     def share(self) -> float:

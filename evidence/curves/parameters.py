@@ -170,15 +170,15 @@ def declared(name: str, value: Any) -> Parameter:
 
 def of_dataclass(prefix: str, device: Any) -> list[Parameter]:
     parameters = []
-    for each in fields(device):
-        name, default = f"{prefix}{each.name}", getattr(device, each.name)
+    for field in fields(device):
+        name, default = f"{prefix}{field.name}", getattr(device, field.name)
         if default is None:
             continue
-        if "choices" in each.metadata:
-            parameters.append(Parameter(name, default, choices=each.metadata["choices"]))
-        elif "range" in each.metadata:
-            least, most = each.metadata["range"]
-            parameters.append(Parameter(name, default, least, most, unit_of(each.name)))
+        if "choices" in field.metadata:
+            parameters.append(Parameter(name, default, choices=field.metadata["choices"]))
+        elif "range" in field.metadata:
+            least, most = field.metadata["range"]
+            parameters.append(Parameter(name, default, least, most, unit_of(field.name)))
     return parameters
 
 

@@ -87,15 +87,15 @@ async def schedule(v: Point, seed: int) -> Outcome:
     arbiter = Arbiter(network, FOR_EVER_S, FOR_EVER_S, queues=True, order=queue)
     sessions = requests(v, [address(dpid) for dpid in switches.values()], Random(seed))  # noqa: S311
     fates = CountedTime(arbiter, lambda place: away_s.get(place, 0.0)).run(sessions)
-    waits = [each.waited_s for each in fates if each.waited_s is not None]  # of those with light
+    waits = [fate.waited_s for fate in fates if fate.waited_s is not None]  # of those with light
     return {
         "in_time": share_in_time(fates),
-        "urgent_in_time": share_in_time([each for each in fates if each.asked.priority]),
+        "urgent_in_time": share_in_time([fate for fate in fates if fate.asked.priority]),
         "wait": batched(len(waits), dict(enumerate(waits, 1))),
     }
 
 
 def share_in_time(fates: list[Fate]) -> Estimate:
-    waited = ((each.waited_s, each.asked.deadline_s) for each in fates)
+    waited = ((fate.waited_s, fate.asked.deadline_s) for fate in fates)
     fit = (had is not None and had <= deadline_s for had, deadline_s in waited)
     return batched(len(fates), dict.fromkeys((n for n, fits in enumerate(fit, 1) if fits), 1.0))

@@ -90,7 +90,7 @@ def endless_decoys(lengths_km: Sequence[float]) -> list[Mark]:
 
 
 def wald(fractions: Sequence[float]) -> list[Mark]:
-    points = [EXPERIMENTS["seal"].complete({"tapped": each}) for each in fractions]
+    points = [EXPERIMENTS["seal"].complete({"tapped": fraction}) for fraction in fractions]
     pairs = [wald_pairs_to_alarm(question(v), sealed_error(v)) for v in points]
     return line(fractions, pairs, "Wald's approximations (1945)")
 
@@ -122,7 +122,7 @@ MARKS: Mapping[str, Callable[[Sequence[float]], list[Mark]]] = {
     "wald": wald,
     "reduced loads": reduced_loads,
 }
-OF_CURVES = tuple(each.name for each in fields(Curve))
+OF_CURVES = tuple(field.name for field in fields(Curve))
 OF_SHEETS = ("name", "experiment", "grid", "curves")
 
 

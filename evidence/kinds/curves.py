@@ -152,9 +152,9 @@ def compare(
         for findings in published.measured(rows, seed, measurer):
             bar.advance(task, 0 if findings else 1)
     show(console, findings, SIGMAS)
-    far = [each for each in findings if not each.agrees(SIGMAS)]
+    far = [finding for finding in findings if not finding.agrees(SIGMAS)]
     explained = sum(
-        each.published is not None and bool(each.published.differs) for each in findings
+        finding.published is not None and bool(finding.published.differs) for finding in findings
     )
     counts = f"{len(far)} too far from ours, {explained} known to differ"
     console.print(f"{len(rows)} published figures, {counts}", soft_wrap=True)

@@ -40,8 +40,8 @@ def write(
     folder: Path, name: str, lab: Lab, runs: Mapping[str, Run], findings: Sequence[Finding]
 ) -> bool:
     """Write both files; return whether all is within the tolerance."""
-    good = all(each.agrees(lab.tolerance) for each in findings)
-    lines = [{**line(each), "agrees": each.agrees(lab.tolerance)} for each in findings]
+    good = all(finding.agrees(lab.tolerance) for finding in findings)
+    lines = [{**line(finding), "agrees": finding.agrees(lab.tolerance)} for finding in findings]
     facts = {
         "lab": name,
         "title": lab.title,
@@ -67,15 +67,15 @@ def show(
     table = Table(box=None, pad_edge=False)
     for column in ("", "this model", theirs, "std. errors", "where"):
         table.add_column(column, no_wrap=column in ("this model", theirs), overflow="fold")
-    for each in findings:
-        if each.published is not None:
-            other = stated(each.published)
-            ours = number(each.ours.value, each.error)
-            apart = difference(each, tolerance)
-            where = each.published.source
-            if each.published.differs:
-                where += f"; {each.published.differs}"
-            table.add_row(each.what, ours, other, apart, where)
+    for finding in findings:
+        if finding.published is not None:
+            other = stated(finding.published)
+            ours = number(finding.ours.value, finding.error)
+            apart = difference(finding, tolerance)
+            where = finding.published.source
+            if finding.published.differs:
+                where += f"; {finding.published.differs}"
+            table.add_row(finding.what, ours, other, apart, where)
     console.print(table)
 
 

@@ -77,7 +77,7 @@ def outcome(
     times_ns = [tuple(map(int, line.split())) for line in alone]
     delays = [(came - sent) * 1e-9 for sent, came in times_ns]
     return {
-        "queued": mean_of_series([each - 2 * frame_s for each in delays]),
+        "queued": mean_of_series([delay - 2 * frame_s for delay in delays]),
         "wait": mean_of_series(waits),
         WAITED.name: Estimate(as_dephasing_averages(waits, t2_s), 0.0),
         "fidelity": proportion(round(last["fidelity"] * last["arrived"]), last["arrived"]),
@@ -87,15 +87,15 @@ def outcome(
 
 def waits_of(reports: Sequence[dict[str, Any]]) -> list[float]:
     """Return how long (s) each block has waited, of means over all blocks so far."""
-    sums = [0.0, *(each["arrived"] * each["waited_ms"] / 1e3 for each in reports)]
-    counts = [0, *(each["arrived"] for each in reports)]
+    sums = [0.0, *(report["arrived"] * report["waited_ms"] / 1e3 for report in reports)]
+    counts = [0, *(report["arrived"] for report in reports)]
     pairs = zip(sums, sums[1:], counts, counts[1:], strict=False)
     return [(s1 - s0) / (n1 - n0) for s0, s1, n0, n1 in pairs if n1 > n0]
 
 
 def as_dephasing_averages(waits_s: Sequence[float], t2_s: float) -> float:
     """Return the one wait that dephases as much as these do on average."""
-    return -t2_s * math.log(sum(math.exp(-each / t2_s) for each in waits_s) / len(waits_s))
+    return -t2_s * math.log(sum(math.exp(-wait_s / t2_s) for wait_s in waits_s) / len(waits_s))
 
 
 def queued(values: Values) -> float | None:

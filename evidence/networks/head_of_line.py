@@ -113,7 +113,7 @@ def outcome(light: dict[str, Light], short: Sequence[str]) -> Outcome:
 
 def mean_wait_s(per_s: float, held_s: Sequence[float]) -> float:
     """Return the mean wait in an M/G/1 queue of these holding times."""
-    first, second = (sum(each**power for each in held_s) / len(held_s) for power in (1, 2))
+    first, second = (sum(held**power for held in held_s) / len(held_s) for power in (1, 2))
     return per_s * second / (2 * (1 - per_s * first))
 
 

@@ -159,7 +159,7 @@ def _options(job: str) -> dict[str, "Field[Any]"]:
         services = VERBS[job].protocols or (job,)
         of_job = [ServiceRequest, named()[services[0]].options]
     kinds = (*of_job, NetworkOptions)
-    by_name: dict[str, Field[Any]] = {each.name: each for kind in kinds for each in fields(kind)}
+    by_name: dict[str, Field[Any]] = {field.name: field for kind in kinds for field in fields(kind)}
     with_help = {name: each for name, each in by_name.items() if "help" in declared(each)}
     del with_help["seed"]  # of the sweep
     return with_help | {"receiver": by_name["host"]}
@@ -195,9 +195,9 @@ def _parameter_of_part(axis: str) -> Parameter:
         check_names(axis, [setting.name], settings, BadGrid)
         return _of_default(axis, settings[setting.name])
     part, _dot, name = setting.name.partition(".")
-    parts: dict[str, Any] = {each.name: each.default for each in fields(Device)}
+    parts: dict[str, Any] = {field.name: field.default for field in fields(Device)}
     check_names(f"{axis}: a device", [part], parts, BadGrid)
-    known_fields = {each.name: each for each in fields(parts[part])}
+    known_fields = {field.name: field for field in fields(parts[part])}
     check_names(f"{axis}: {part}", [name], known_fields, BadGrid)
     words = known_fields[name].metadata
     if "choices" in words:

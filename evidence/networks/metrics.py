@@ -78,7 +78,7 @@ def key_fraction(result: RunResult, asking: Figures, _asked: Figures) -> Estimat
 
 
 def throughput(_result: RunResult, asking: Figures, _asked: Figures) -> Estimate:
-    return exactly(next((vars(asking)[each] for each in RATES if each in vars(asking)), None))
+    return exactly(next((vars(asking)[rate] for rate in RATES if rate in vars(asking)), None))
 
 
 def latency(result: RunResult, _asking: Figures, _asked: Figures) -> Estimate:
@@ -142,10 +142,10 @@ def outcome_of(result: RunResult) -> Outcome:
     """Return every metric of a job; NaN for what it does not have, or if light is too noisy."""
     assert isinstance(result.job, ServiceJob)
     return {
-        each.name: each.found(result, result.job.asking, result.job.asked)
-        if result.delivered or each.name in WITHOUT_DELIVERY
+        metric.name: metric.found(result, result.job.asking, result.job.asked)
+        if result.delivered or metric.name in WITHOUT_DELIVERY
         else NOTHING
-        for each in METRICS
+        for metric in METRICS
     }
 
 
@@ -207,7 +207,7 @@ THEORY: Mapping[tuple[str, str], tuple[Theory, tuple[str, ...]]] = {
 
 def measures_of(job: str) -> tuple[Measure, ...]:
     """Return the measures of a job's sweep, each with its theory, if one is declared."""
-    return tuple(_measure(job, each) for each in METRICS)
+    return tuple(_measure(job, metric) for metric in METRICS)
 
 
 def _measure(job: str, metric: Metric) -> Measure:

@@ -50,11 +50,11 @@ def options(job: str) -> dict[str, "Field[Any]"]:
 
 
 def _flags(kind: Any) -> Iterator[tuple[str, "Field[Any]"]]:
-    for each in fields(kind):
-        if isinstance(each.type, type) and is_dataclass(each.type):
-            yield from _flags(each.type)
-        elif "help" in (words := declared(each)) and (flag := flag_of(each, words)):
-            yield flag.removeprefix("--").replace("-", "_"), each
+    for field in fields(kind):
+        if isinstance(field.type, type) and is_dataclass(field.type):
+            yield from _flags(field.type)
+        elif "help" in (words := declared(field)) and (flag := flag_of(field, words)):
+            yield flag.removeprefix("--").replace("-", "_"), field
 
 
 def roles(axes: Axes) -> list[str]:
@@ -79,7 +79,7 @@ def measures(job: str, axes: Axes) -> tuple[Measure, ...]:
     if job == NETQASM:
         of_job = [Measure(role, f"what {role} returns, mean") for role in roles(axes)]
     else:
-        names = [each.name for each in fields(FIGURES[job])]  # type: ignore[arg-type]
+        names = [field.name for field in fields(FIGURES[job])]  # type: ignore[arg-type]
         of_job = [Measure(name, name.replace("_", " ")) for name in names]
     latency = Measure("latency_s", "latency of the whole job (s)")
     offered = (*of_job, latency, Measure("pairs_made", "pairs made by sources"))
@@ -107,8 +107,8 @@ def _found(result: RunResult, name: str) -> Estimate:
 
 def of_rounds(outputs: Sequence[Round], role: str) -> Estimate:
     """Return the mean of the one number that a role's program returns in each round."""
-    numbers = [_numbers(each.get(role)) for each in outputs]
-    if not numbers or any(len(each) != 1 for each in numbers):
+    numbers = [_numbers(output.get(role)) for output in outputs]
+    if not numbers or any(len(number) != 1 for number in numbers):
         return NOTHING
     return mean_of_draws(list(chain.from_iterable(numbers)))
 
@@ -117,4 +117,4 @@ def _numbers(output: object) -> list[float]:
     if isinstance(output, bool | int | float):
         return [float(output)]
     parts = [*output.values()] if isinstance(output, dict) else output
-    return [n for each in parts for n in _numbers(each)] if isinstance(parts, list) else []
+    return [n for part in parts for n in _numbers(part)] if isinstance(parts, list) else []

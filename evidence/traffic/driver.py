@@ -37,7 +37,7 @@ class Driver:
     @property
     def under_way(self) -> int:
         """How many sessions have begun and not ended."""
-        return sum(not each.outcome for each in self.outcomes)
+        return sum(not outcome.outcome for outcome in self.outcomes)
 
     async def run(self, check: Callable[[], None]) -> None:
         """Drive all sessions to their ends, on a loop of the network's time.

@@ -57,9 +57,9 @@ def show(console: Console, facts: RunResult, folder: Path, report: str) -> None:
     shown = rows(facts.job)
     for kind, reasons in (("blocked", load.blocked), ("broken", load.broken)):
         shown |= {f"{kind}: {reason}": number_text(count) for reason, count in reasons.items()}
-    for each in load.fidelity_by_age:
-        shown[f"fidelity after {each.age_s:.3g} s"] = (
-            f"{each.fidelity:.4f} ± {each.standard_error:.4f}"
+    for age in load.fidelity_by_age:
+        shown[f"fidelity after {age.age_s:.3g} s"] = (
+            f"{age.fidelity:.4f} ± {age.standard_error:.4f}"
         )
     for longest in load.waits[:1]:
         shown["longest wait"] = (

@@ -128,9 +128,9 @@ def plan(model: str, traffic: Traffic, seed: int, sessions: int) -> list[Planned
     schedule = list(islice(MODELS[model](traffic, Random(seed)), sessions))  # noqa: S311
     if not schedule:
         raise BadTraffic(f"{traffic.file} names no sessions")
-    for each in schedule:
-        if each.opener and each.opener == each.acceptor:
-            raise BadTraffic(f"{traffic.file}: {each.opener} asks itself; name two hosts")
+    for session in schedule:
+        if session.opener and session.opener == session.acceptor:
+            raise BadTraffic(f"{traffic.file}: {session.opener} asks itself; name two hosts")
     return schedule
 
 

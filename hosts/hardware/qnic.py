@@ -256,7 +256,7 @@ class Qnic(PairLight):
         outcomes = b""
         for order in _orders(steps.steps_of(operations)):
             outcomes += b"".join(feedback.outcomes for feedback in await self.perform(*order))
-        assert len(outcomes) == sum(each.kind in OUTCOMES for each in operations)
+        assert len(outcomes) == sum(operation.kind in OUTCOMES for operation in operations)
         return list(outcomes)
 
     async def tell(self, instructions: str) -> None:

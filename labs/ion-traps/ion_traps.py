@@ -23,8 +23,8 @@ def findings(runs: Runs) -> list[Finding]:
     rows = []
     for name, at in FIDELITIES.items():
         blocks: list[list[int]] = [[] for _ in range(7)]  # four of the search, then CZ |++>
-        for each in runs[name].job.outputs:
-            for block, *bits in zip(blocks, each["alice"], each["bob"], strict=True):
+        for output in runs[name].job.outputs:
+            for block, *bits in zip(blocks, output["alice"], output["bob"], strict=True):
                 block += [2 * a + b for a, b in zip(*bits, strict=True)]
         grover = proportion(sum(blocks[n].count(n) for n in range(4)), 4 * len(blocks[0]))
         equal = sum(block.count(0) + block.count(3) for block in blocks[4:])

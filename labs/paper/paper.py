@@ -30,9 +30,9 @@ def findings(runs: Runs) -> Sequence[Finding]:
     expected = [TABLE[bits[place : place + 2]] for place in range(0, 8, 2)]
     ordered = sum(_in_order(steps) for steps in _handshakes(run))
     spoken = {
-        (each.source, each.target)
+        (segment.source, segment.target)
         for file in run.folder.glob("s1-eth*.pcap")
-        for each in segments(file)
+        for segment in segments(file)
     }
     address = run.network.addresses
     pairs = (("alice", "bob"), ("alice", "ed"), ("bob", "ed"), ("charlie", "ed"))
@@ -61,13 +61,13 @@ def _handshakes(run: RunFacts) -> Iterator[list[Step]]:
     """Yield the steps from each set-up of one Bell state to the next."""
     port = run.result.settings.openflow_port
     begun = [
-        each.left_ns
-        for each in flights(run.folder, run.network, 1000)
-        if isinstance(each.message, Setup) and each.message.handshake == Handshake.ONE_PAIR
+        flight.left_ns
+        for flight in flights(run.folder, run.network, 1000)
+        if isinstance(flight.message, Setup) and flight.message.handshake == Handshake.ONE_PAIR
     ]
     for begin, end in zip(begun, [*begun[1:], 1 << 63], strict=True):
         steps, _more = handshake(run.folder, run.network, run.events, port, begin)
-        yield [each for each in steps if each.time_ns < end]
+        yield [step for step in steps if step.time_ns < end]
 
 
 def _in_order(steps: Sequence[Step]) -> bool:

@@ -245,7 +245,7 @@ def described(service: str, options: NetworkOptions) -> NetworkDescription:
 def with_swaps(options: SwapOptions, sender: str, parts: Description) -> SwapOptions:
     """Return the options with a number of swaps; raise BadInput for one that cannot be."""
     able = swaps_from(sender, [options.host], parts)[options.host]
-    most = sum(each.analysers > 0 for each in parts.switches.values())
+    most = sum(switch.analysers > 0 for switch in parts.switches.values())
     if options.swaps > most:
         raise BadInput(f"--swaps {options.swaps}: {most} switches can swap; choose at most {most}")
     heralded = is_heralded(Service.SWAP, parts.hosts[sender].features)

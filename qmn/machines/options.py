@@ -55,7 +55,7 @@ class MachineOptions(PlaceOptions):
             yield "other machines have clocks of their own (--machines)"
 
 
-MACHINES = tuple(each.name for each in fields(MachineOptions))
+MACHINES = tuple(field.name for field in fields(MachineOptions))
 
 
 @contextmanager

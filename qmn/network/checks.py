@@ -59,7 +59,7 @@ def check_framework(name: str) -> None:
     package = name.replace("-", "_")
     if find_spec(package) is None:
         why = remedy_of(ModuleNotFoundError(name=package)) or f"{package} is not installed"
-        others = " or ".join(each for each in FRAMEWORKS if each != name)
+        others = " or ".join(framework for framework in FRAMEWORKS if framework != name)
         raise BadInput(f"--controller {name}: {why} (docs/packages.md), or choose {others}")
 
 

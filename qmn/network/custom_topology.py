@@ -79,7 +79,7 @@ def _command_that_builds(file: str, class_name: str, options: Mapping[str, Any])
 
 def _takes(topo_class: type[Topo], options: Mapping[str, Any]) -> set[str]:
     parameters = inspect.signature(topo_class.build).parameters
-    if any(each.kind == each.VAR_KEYWORD for each in parameters.values()):
+    if any(parameter.kind == parameter.VAR_KEYWORD for parameter in parameters.values()):
         return {*parameters, *options}
     return set(parameters)
 

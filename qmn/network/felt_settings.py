@@ -80,8 +80,8 @@ class Felt:
 
     def any_to_any(self) -> "Felt":
         """Return the same with light from each host that emits to each that receives."""
-        emitters = frozenset[str]().union(*(each.emitters for each in self.beams))
-        receivers = frozenset[str]().union(*(each.receivers for each in self.beams))
+        emitters = frozenset[str]().union(*(beam.emitters for beam in self.beams))
+        receivers = frozenset[str]().union(*(beam.receivers for beam in self.beams))
         return replace(self, beams=frozenset({HostBeams(emitters, receivers)}))
 
 
@@ -220,7 +220,7 @@ def checked_settings(job: str, felt: Felt, network: NetworkDescription) -> Netwo
 
 def _unfelt(job: str, host: str, setting: str, felt: Felt) -> str:
     part, _dot, name = setting.partition(".")
-    others = ", ".join(sorted(each for each in felt.devices if setting in felt.devices[each]))
+    others = ", ".join(sorted(device for device in felt.devices if setting in felt.devices[device]))
     instead = INSTEAD.get(setting, "")
     if host not in felt.devices:
         text = f"{host} takes no part in {job}"

@@ -71,7 +71,7 @@ TOPOLOGIES: Mapping[str, Topology] = MappingProxyType(
 OWN = "FILE.py:CLASS"
 PACKAGES = registered(REGISTERED, TOPOLOGIES)
 KNOWN = (*TOPOLOGIES, *PACKAGES, f"or your own, {OWN}")  # as a user reads what may be chosen
-PARAMETERS = {each.name: each for each in fields(ShapeOptions)}
+PARAMETERS = {field.name: field for field in fields(ShapeOptions)}
 LISTS = ("hosts_at", "sources_at")  # parameters whose values have commas
 
 

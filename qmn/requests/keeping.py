@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 def kept(request: "DataclassInstance") -> dict[str, Parameter]:
     """Return what a result keeps of a request, by name; of what is None nothing."""
     parameters: dict[str, Parameter] = {}
-    for each in fields(request):
-        value = getattr(request, each.name)
+    for field in fields(request):
+        value = getattr(request, field.name)
         if is_dataclass(value) and not isinstance(value, type):
             parameters |= kept(value)
-        elif (name := recorded_name(each)) and value is not None:
-            of = declared(each).get("of")
+        elif (name := recorded_name(field)) and value is not None:
+            of = declared(field).get("of")
             if of is None or getattr(request, of) is not None:
                 parameters[name] = _plain(value)
     return parameters
@@ -66,12 +66,12 @@ def kept_fields(
     kind: "type[DataclassInstance]", parts: Parts = NO_PARTS
 ) -> "dict[str, Field[Any]]":
     by_name: dict[str, Field[Any]] = {}
-    for each in fields(kind):
-        part: Any = parts.get(each.name, each.type)
+    for field in fields(kind):
+        part: Any = parts.get(field.name, field.type)
         if isinstance(part, type) and is_dataclass(part):
             by_name |= kept_fields(part, parts)
-        elif name := recorded_name(each):
-            by_name[name] = each
+        elif name := recorded_name(field):
+            by_name[name] = field
     return by_name
 
 

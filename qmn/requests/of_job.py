@@ -14,8 +14,8 @@ from wire.parameters.checks import check_choice, remedy
 from wire.parameters.network import KeySettings
 
 FLAGS = {"from": "sender", "to": "receiver"}  # words of the command line that Python has taken
-OF_NETWORK = frozenset(each.name for each in fields(NetworkOptions))
-OF_RUN = frozenset(each.name for each in fields(RunOptions))
+OF_NETWORK = frozenset(field.name for field in fields(NetworkOptions))
+OF_RUN = frozenset(field.name for field in fields(RunOptions))
 JOBS = (SERVICE, *VERBS)
 
 JobRequest = ServiceRequest | SuperdenseRequest
@@ -43,8 +43,8 @@ def request_of(job: str, parameters: Mapping[str, Any]) -> JobRequest:
 
 def _without_effect(verb: Verb) -> set[str]:
     """Return the options that services have and this one has not."""
-    beside = {each.name for part in ServiceRequest.__mro__[1:-1] for each in fields(part)}
-    used = {each.name for part in parts_of(verb) for each in fields(part)}
+    beside = {field.name for part in ServiceRequest.__mro__[1:-1] for field in fields(part)}
+    used = {field.name for part in parts_of(verb) for field in fields(part)}
     others = {"receiver"} if verb.line else set()
-    keys = set() if verb.keys else {each.name for each in fields(KeySettings)}
+    keys = set() if verb.keys else {field.name for field in fields(KeySettings)}
     return (beside - used) | others | (set() if verb.source else {"source"}) | keys

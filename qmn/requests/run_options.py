@@ -17,8 +17,8 @@ CAPTURES = {"full": MAX_PACKET_BYTES, "headers": HEADERS_BYTES, "none": 0}
 
 
 def omitted(text: str) -> str:
-    for each in text.split(","):
-        check_choice("file", each, (EVENTS, RECORD, REPORT), ArgumentTypeError)
+    for word in text.split(","):
+        check_choice("file", word, (EVENTS, RECORD, REPORT), ArgumentTypeError)
     return text
 
 

@@ -64,7 +64,7 @@ def _requests(definitions: Schema) -> Schema:
 
 
 def _network(definitions: Schema) -> Schema:
-    options = {each.name: each for each in fields(NetworkOptions) if each.name not in BESIDE}
+    options = {field.name: field for field in fields(NetworkOptions) if field.name not in BESIDE}
     return {**_object(options, NetworkOptions, definitions, ABSENT), "additionalProperties": False}
 
 
@@ -86,7 +86,7 @@ def _object(
 def _there(kind: Any) -> Any:
     """Return the type of a value that is present: None is not kept."""
     if isinstance(kind, UnionType):
-        kinds = [each for each in get_args(kind) if each is not NoneType]
+        kinds = [option for option in get_args(kind) if option is not NoneType]
         return kinds[0] if len(kinds) == 1 else kind
     return kind
 
@@ -132,7 +132,7 @@ def _renamed(value: Any, depth: int = 1) -> Any:
 
 
 def _read_network(content: dict[str, Any]) -> NetworkResult:
-    fields_ = {each.name: each for each in fields(NetworkOptions) if each.name not in BESIDE}
+    fields_ = {field.name: field for field in fields(NetworkOptions) if field.name not in BESIDE}
     beside = {name: content[name] for name in BESIDE if content[name] is not None}
     options = NetworkOptions(**read_fields(fields_, content["parameters"]), **beside)
     return typed_json.read(NetworkResult, {**content, "parameters": options})

@@ -128,7 +128,7 @@ def packages() -> Finding:
 def python_packages() -> Finding:
     """Packages of the programs: Mininet, of Debian, and what pyproject.toml lists."""
     needed = [each for each in project()["dependencies"] if ";" not in each]
-    names = [re.split(r"[^\w.-]", each)[0] for each in needed]
+    names = [re.split(r"[^\w.-]", requirement)[0] for requirement in needed]
     missing = [] if find_spec("mininet") else ["mininet"]
     missing += [name for name in names if not _installed(name)]
     if missing:

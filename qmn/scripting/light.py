@@ -96,7 +96,7 @@ def _along(fiber: Fiber, begin: FiberEnd) -> Hop:
 
 def _across(switch: str, in_port: int, out_port: int, condition: SwitchCondition) -> Hop:
     paths = [
-        each for each in condition.paths if (each.in_port, each.out_port) == (in_port, out_port)
+        path for path in condition.paths if (path.in_port, path.out_port) == (in_port, out_port)
     ]
     optics = paths[0] if paths else condition
     names = f"{switch}:{in_port}", f"{switch}:{out_port}"

@@ -67,8 +67,8 @@ class HostState(Tabular):
     def rows(self) -> Sequence[Row]:
         """Return a row for each block, behind numbers and texts of the device."""
         device = {name: value for name, value in self.device.items() if isinstance(value, SIMPLE)}
-        held = [row_of(each) for each in self.blocks] or [
-            dict.fromkeys(each.name for each in fields(Held))
+        held = [row_of(block) for block in self.blocks] or [
+            dict.fromkeys(field.name for field in fields(Held))
         ]
         return [{**device, **block} for block in held]
 

@@ -53,7 +53,7 @@ def rows_of(thing: object) -> Sequence[Row]:
 
 def row_of(thing: Any) -> Row:
     """Return the fields and properties of a dataclass that are a number or a text."""
-    names = [each.name for each in fields(thing)]
+    names = [field.name for field in fields(thing)]
     more = [name for name, made in vars(type(thing)).items() if isinstance(made, property)]
     every = ((name, getattr(thing, name)) for name in (*names, *more))
     return {name: value for name, value in every if isinstance(value, SIMPLE)}

@@ -321,7 +321,7 @@ class Requests:
             await self._link.answer(messages.reply_of_ours(xid, ours, body))
         elif ours == MEMORY_COUNTS:
             memories = (await self._switch.read()).memories
-            body = b"".join(each.encode() for each in memories)
+            body = b"".join(memory.encode() for memory in memories)
             await self._link.answer(messages.reply_of_ours(xid, ours, body))
         elif kind == ofp.OFPMP_TABLE_FEATURES and len(message) == messages.BODY:
             await self._link.answer(identity.table_features(xid))

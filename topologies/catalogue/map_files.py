@@ -132,11 +132,11 @@ def _sequence(path: Path, content: Mapping[str, Any]) -> Map:
 
 
 def _links(path: Path, entries: Any, one: str, other: str) -> Iterator[Link]:
-    for each in entries:
-        ends = str(each[one]), str(each[other])
+    for entry in entries:
+        ends = str(entry[one]), str(entry[other])
         if ends[0] == ends[1]:
             raise BadMap(f"{path}: a way from {ends[0]} to {ends[0]}: join two different nodes")
-        yield *ends, float(each["distance"]) / 1e3, float(each["attenuation"]) * 1e3
+        yield *ends, float(entry["distance"]) / 1e3, float(entry["attenuation"]) * 1e3
 
 
 def _unused(content: Mapping[str, Any]) -> tuple[str, ...]:

@@ -34,13 +34,13 @@ def read_map(name: str) -> Map:
 
 def positions(read: Map) -> dict[str, Position]:
     """Return where each place is: as the map says, or neighbours beside each other."""
-    located = {each.name: each.position for each in read.places if each.position is not None}
+    located = {place.name: place.position for place in read.places if place.position is not None}
     if len(located) == len(read.places):
         return located
     import networkx
 
     graph = networkx.Graph((link.one, link.other) for link in read.links)
-    graph.add_nodes_from(each.name for each in read.places)
+    graph.add_nodes_from(place.name for place in read.places)
     laid = networkx.spring_layout(graph, seed=1)
     return {name: (float(x), float(y)) for name, (x, y) in laid.items()}
 
@@ -88,7 +88,7 @@ def _key(name: str, groups: Mapping[str, Iterable[str]]) -> str:
 
 
 def _names(folder: Any) -> list[str]:
-    return sorted(each.name.removesuffix(".json") for each in folder.iterdir())
+    return sorted(path.name.removesuffix(".json") for path in folder.iterdir())
 
 
 def _checked(read: Map) -> Map:

@@ -14,7 +14,7 @@ from wire.parameters.fiber import Fiber, FiberEnd, FiberOptics, optics
 from wire.parameters.physics import BadParameter
 from wire.registered import NOISE, registered
 
-OPTICS = frozenset(each.name for each in fields(FiberOptics))
+OPTICS = frozenset(field.name for field in fields(FiberOptics))
 # The ports of channel 1 are numbered as Mininet does, those of each further channel so much higher.
 PORTS_PER_CHANNEL = 1_000
 

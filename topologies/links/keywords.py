@@ -23,9 +23,9 @@ def refuse_unknown(
 
     `also` are others that are known. The error names those that are not Mininet's, if any are.
     """
-    classes = [each for kind in kinds for each in kind.__mro__ if not _is_mininets(each)]
+    classes = [base for kind in kinds for base in kind.__mro__ if not _is_mininets(base)]
     ours = {*also, *_taken(classes)}
-    keywords = {*ours, *FROM_MININET, *_taken(each for kind in kinds for each in kind.__mro__)}
+    keywords = {*ours, *FROM_MININET, *_taken(base for kind in kinds for base in kind.__mro__)}
     for name in sorted(set(names) - keywords):
         choices = sorted((ours or keywords) - {"name", "node1", "node2"})
         raise BadParameter(f"{where} has no {name}: {remedy(name, sorted(keywords), choices)}")
@@ -36,13 +36,13 @@ def _is_mininets(kind: type) -> bool:
 
 
 def _taken(kinds: Iterable[type]) -> Iterator[str]:
-    for each in kinds:
-        yield from _taken_by(each)
+    for kind in kinds:
+        yield from _taken_by(kind)
 
 
 @cache
 def _taken_by(kind: type) -> list[str]:
     methods = (vars(kind).get(name) for name in ("__init__", "config"))
-    signatures = [inspect.signature(each) for each in methods if inspect.isfunction(each)]
-    named = [one for each in signatures for one in [*each.parameters.values()][1:]]
+    signatures = [inspect.signature(method) for method in methods if inspect.isfunction(method)]
+    named = [one for signature in signatures for one in [*signature.parameters.values()][1:]]
     return [one.name for one in named if one.kind in NAMED]

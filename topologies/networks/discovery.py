@@ -26,7 +26,7 @@ class Discovery:
     def __init__(self, net: Mininet, network: Runtime) -> None:
         self._net, self._runtime = net, network
         others = network.programmed_elsewhere
-        mine = [each for each in network.fibers if not others & {each.a.node, each.b.node}]
+        mine = [fiber for fiber in network.fibers if not others & {fiber.a.node, fiber.b.node}]
         self._fibers = {self._named(fiber): fiber for fiber in mine}
         switches = [switch for switch in net.switches if switch.name not in others]
         self._switches = {f"switch {int(switch.dpid, 16):#x}" for switch in switches}

@@ -39,7 +39,7 @@ class HeardOrders(Mininet):
     def configLinkStatus(self, src: str, dst: str, status: str) -> None:  # noqa: N802 (Mininet's)
         """Cut or mend the links between two nodes; raise NetworkError if that is not heard of."""
         network = runtime.current()
-        ours = any(isinstance(each, QuantumController) for each in self.controllers)
+        ours = any(isinstance(controller, QuantumController) for controller in self.controllers)
         ends = ends_between(src, dst, network.fibers, network.own_datapath_ids)
         if not (self.hears and ours and ends and status in ("down", "up")):
             super().configLinkStatus(src, dst, status)

@@ -218,4 +218,4 @@ def _alternatives(
         alternatives = extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except x509.ExtensionNotFound:
         return set()
-    return {str(each) for each in alternatives.get_values_for_type(kind)}
+    return {str(value) for value in alternatives.get_values_for_type(kind)}

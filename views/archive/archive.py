@@ -52,9 +52,9 @@ def exported(run: Path, file: Path, whole: bool = False) -> list[str]:
         except FileExistsError as error:
             raise BadArchive(f"{file} exists already: choose another name") from error
         with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-            for each in sorted(copy.iterdir()):
-                if each.is_file() and not each.is_symlink():
-                    archive.write(each, f"{run.name}/{each.name}")
+            for path in sorted(copy.iterdir()):
+                if path.is_file() and not path.is_symlink():
+                    archive.write(path, f"{run.name}/{path.name}")
     give(file)
     return left_out
 

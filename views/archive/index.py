@@ -110,7 +110,7 @@ def differing(head: Head) -> dict[str, Parameter]:
 
 
 def _defaults(head: Head) -> dict[str, Any]:
-    options = {each.name: each for each in fields(NetworkOptions)}
+    options = {field.name: field for field in fields(NetworkOptions)}
     if entry := KEPT.get(job_of(head.service or "", head.job)):
         options |= entry.fields
     return {name: each.default for name, each in options.items()}
@@ -148,7 +148,7 @@ def _connected(file: Path) -> sqlite3.Connection:
         columns = [row[1] for row in index.execute("PRAGMA table_info(runs)")]
     except sqlite3.DatabaseError:
         columns = []
-    if columns == [each.name for each in fields(Run)]:
+    if columns == [field.name for field in fields(Run)]:
         return index
     index.close()
     file.unlink()
@@ -156,6 +156,6 @@ def _connected(file: Path) -> sqlite3.Connection:
 
 
 def _store(index: sqlite3.Connection, runs: Iterable[Run]) -> None:
-    names = [each.name for each in fields(Run)]
+    names = [field.name for field in fields(Run)]
     marks = ", ".join(f":{name}" for name in names)
     index.executemany(f"INSERT OR REPLACE INTO runs VALUES ({marks})", map(asdict, runs))  # noqa: S608

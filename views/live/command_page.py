@@ -107,7 +107,7 @@ async def next_network(pages: Pages, over: asyncio.Event) -> None:
 def answer_to(pages: Pages, number: int, path: str, over: bool) -> bytes:
     """Return the answer to a request that no network can answer; `over`: none will begin."""
     names, up = pages.names(), "../" if number else ""  # without the secret: others see it, too
-    running = [each for each in names if pages.runs(each)]
+    running = [name for name in names if pages.runs(name)]
     if path == "networks" and not number:
         return response(200, JSON, json.dumps({"names": names, "running": running, "over": over}))
     if path == SCRIPT.name and not number:

@@ -19,7 +19,7 @@ Times = tuple[int, int]  # of all processors since the machine has started: idle
 
 def processor_times() -> Times:
     with STAT.open() as file:
-        clocks = [int(each) for each in file.readline().split()[1:9]]
+        clocks = [int(word) for word in file.readline().split()[1:9]]
     idle, waiting = clocks[3:5]
     return idle + waiting, sum(clocks)
 

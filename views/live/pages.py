@@ -84,7 +84,7 @@ class Pages:
     def names(self) -> dict[int, str]:
         """Return the names of the networks whose page is, or was, served; the oldest first."""
         files = [*self.folder.glob(f"*/{SOCKET}"), *self.folder.glob(f"*/{ENDED}")]
-        names = {int(each.parent.name): (each.parent / NAME).read_text() for each in files}
+        names = {int(file.parent.name): (file.parent / NAME).read_text() for file in files}
         return dict(sorted(names.items()))
 
     def socket(self, number: int) -> str:

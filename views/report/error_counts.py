@@ -71,6 +71,6 @@ def printed(lines: Sequence[SentFigures], scale: float) -> ErrorCounts | None:
     """
     if not lines:
         return None
-    counts = {label: [0, *(getattr(each, name) for each in lines)] for label, name in NAMES.items()}
+    counts = {label: [0, *(getattr(line, name) for line in lines)] for label, name in NAMES.items()}
     text = "As reported to the sender, chunk by chunk"
-    return ErrorCounts([0.0, *(each.elapsed_s * scale for each in lines)], counts, text)
+    return ErrorCounts([0.0, *(line.elapsed_s * scale for line in lines)], counts, text)

@@ -93,17 +93,17 @@ def waits_figure(job: LoadJob) -> str:
         return ""
     rows = [
         [
-            f"{each.opener} → {each.acceptor}",
-            f"{each.waited_s:.3g} s",
-            f"{each.ready_s:.3g} s",
-            f"{each.after_opener} → {each.after_acceptor}",
+            f"{wait.opener} → {wait.acceptor}",
+            f"{wait.waited_s:.3g} s",
+            f"{wait.ready_s:.3g} s",
+            f"{wait.after_opener} → {wait.after_acceptor}",
         ]
-        for each in waits[:MOST_WAITS]
+        for wait in waits[:MOST_WAITS]
     ]
     heads = ["waited", "duration", "until", "for the light of"]
     text = "Seconds that sessions of the host on the left waited until one of the host below gave "
     text += "back the last of their light. Sessions that were refused after a wait are left out. "
-    openers = {name for each in waits for name in (each.opener, each.after_opener)}
+    openers = {name for wait in waits for name in (wait.opener, wait.after_opener)}
     if len(openers) > MOST_HOSTS:
         text += f"The {MOST_HOSTS} hosts with the longest waits are shown. "
     if len(waits) > MOST_WAITS:
@@ -144,7 +144,7 @@ def key_figure(job: KeysJob) -> str:
     if not time_series:
         return missing("Keys over time", "nothing has happened to any.")
     text = "Sessions by their error rate, above the dashed line without a key; shaded: eve listens."
-    if any(isinstance(each, KeyMoment) for each in time_series):
+    if any(isinstance(moment, KeyMoment) for moment in time_series):
         text += " Bars: the tunnel is open at this host; strokes: a new key."
     return figure("Keys over time", key_timeline(time_series), text, "wide")
 
@@ -163,10 +163,10 @@ def key_distribution_figures(run: RunFacts) -> Iterator[str]:
         yield figure("Error rate", drawn, text)
     if len(lines) > FEW_LINES:
         counts = {
-            "sifted bits": [each.sifted_bits for each in lines],
-            "secret key bits": [each.key_bits for each in lines],
+            "sifted bits": [line.sifted_bits for line in lines],
+            "secret key bits": [line.key_bits for line in lines],
         }
-        drawn = charts.key_growth([each.elapsed_s for each in lines], counts)
+        drawn = charts.key_growth([line.elapsed_s for line in lines], counts)
         yield figure("Growth of the key", drawn, "As each key was made of its blocks of light.")
     if keys.photons:
         steps = {
@@ -183,14 +183,14 @@ def key_distribution_figures(run: RunFacts) -> Iterator[str]:
 def _error_rates(lines: Sequence[KeyProgress]) -> list[charts.Rate]:
     """Return time and error rate of each key; the first line without keys of its own: of all."""
     rates: list[charts.Rate] = []
-    for each in lines:
-        rate: Sequence[float | None] = each.newest_qber or ()
+    for line in lines:
+        rate: Sequence[float | None] = line.newest_qber or ()
         if not rate and not rates:
-            rate = each.qber, each.qber_low, each.qber_high
+            rate = line.qber, line.qber_low, line.qber_high
         match rate:
             case [float(value), float(low), float(high)]:
                 if not rates or (value, low, high) != rates[-1][1:]:
-                    rates.append((each.elapsed_s, value, low, high))
+                    rates.append((line.elapsed_s, value, low, high))
     return rates
 
 

@@ -16,18 +16,18 @@ WIDE_INCHES = (9.0, 1.6)  # of each row
 
 @drawing.styled
 def key_timeline(series: Sequence[Moment]) -> str:
-    tunnel = any(each.event.startswith(TUNNEL) for each in series)
+    tunnel = any(moment.event.startswith(TUNNEL) for moment in series)
     rows = [_sessions, _tunnel, _file] if tunnel else [_sessions]
     width, height = WIDE_INCHES
     made = Figure(figsize=(width, height * len(rows) + 0.6), layout="constrained")
-    end = max(each.at for each in series)
+    end = max(moment.at for moment in series)
     every = made.subplots(len(rows), sharex=True, squeeze=False)[:, 0]
     for axes, draw in zip(every, rows, strict=True):
         for begin, over in spans(series, "eve_comes", "eve_leaves", end):
             axes.axvspan(begin, over, color=BAD, alpha=0.12, linewidth=0)
         draw(axes, series, end)
     axes.set_xlabel("time (s)")
-    axes.set_xlim(min(0.0, *(each.at for each in series)), end)
+    axes.set_xlim(min(0.0, *(moment.at for moment in series)), end)
     return drawing.svg(made, "Keys over time")
 
 
@@ -48,9 +48,9 @@ def spans(
 
 def _sessions(axes: Axes, series: Sequence[Moment], _end: float) -> None:
     held = [
-        (each.at, each.qber, each.keys > 0)
-        for each in series
-        if isinstance(each, SessionMoment) and each.opened and each.qber is not None
+        (moment.at, moment.qber, moment.keys > 0)
+        for moment in series
+        if isinstance(moment, SessionMoment) and moment.opened and moment.qber is not None
     ]
     for with_key, colour, label in ((True, QUANTUM, "key"), (False, BAD, "no key")):
         some = [(at, qber) for at, qber, keys in held if keys == with_key]
@@ -63,13 +63,13 @@ def _sessions(axes: Axes, series: Sequence[Moment], _end: float) -> None:
 
 
 def _tunnel(axes: Axes, series: Sequence[Moment], end: float) -> None:
-    hosts = sorted({each.host for each in series if each.event.startswith(TUNNEL)})
+    hosts = sorted({moment.host for moment in series if moment.event.startswith(TUNNEL)})
     for row, host in enumerate(reversed(hosts)):
-        of_host = [each for each in series if each.host == host]
+        of_host = [moment for moment in series if moment.host == host]
         open_spans = spans(of_host, "tunnel_opened", "tunnel_closed", end)
         bars = [(begin, over - begin) for begin, over in open_spans]
         axes.broken_barh(bars, (row - 0.3, 0.6), color=METADATA, alpha=0.35)
-        keys = [each.at for each in of_host if isinstance(each, KeyMoment)]
+        keys = [moment.at for moment in of_host if isinstance(moment, KeyMoment)]
         axes.plot(keys, [row] * len(keys), "|", color=INK, markersize=12)
     axes.set_yticks(range(len(hosts)), reversed(hosts))
     axes.set_ylim(-0.6, len(hosts) - 0.4)
@@ -77,8 +77,8 @@ def _tunnel(axes: Axes, series: Sequence[Moment], end: float) -> None:
 
 
 def _file(axes: Axes, series: Sequence[Moment], _end: float) -> None:
-    parts = [each for each in series if isinstance(each, FileMoment)]
-    points = [each.at for each in parts], [each.bytes / 1e6 for each in parts]
+    parts = [moment for moment in series if isinstance(moment, FileMoment)]
+    points = [part.at for part in parts], [part.bytes / 1e6 for part in parts]
     axes.plot(*points, color=METADATA, linewidth=1.8)
     axes.set_ylabel("file (MB)")
     axes.set_ylim(bottom=0)

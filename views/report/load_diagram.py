@@ -53,7 +53,7 @@ def _sessions(axes: Axes, sessions: Sequence[LoadSession]) -> None:
     ):
         times, counts = counted(steps)
         axes.step(times, counts, where="post", color=colour, linewidth=1.4, label=label)
-    refused = [each.ended_s for each in sessions if each.outcome != ACCEPTED]
+    refused = [session.ended_s for session in sessions if session.outcome != ACCEPTED]
     axes.plot(
         refused, [0.0] * len(refused), "|", color=BAD, markersize=9, label="refused", clip_on=False
     )

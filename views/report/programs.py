@@ -56,7 +56,7 @@ def instruction_table(events: Iterable[Event], roles: Mapping[str, str]) -> str:
 
 def instructions(subroutine: str) -> list[str]:
     """Return those of qubits and of the network, the first MOST_LINES of them."""
-    parts = [each.strip() for each in subroutine.split(";")]
-    quantum = [each for each in parts if each and each.split()[0] not in CLASSICAL]
+    parts = [word.strip() for word in subroutine.split(";")]
+    quantum = [part for part in parts if part and part.split()[0] not in CLASSICAL]
     more = [f"and {len(quantum) - MOST_LINES} more"] if len(quantum) > MOST_LINES else []
     return quantum[:MOST_LINES] + more

@@ -139,4 +139,4 @@ def _sender_lines(file: Path) -> list[SentFigures | KeyProgress]:
     """Return how far the sender was, line by line; nothing if there is no log."""
     lines = file.read_text(errors="replace").splitlines() if file.exists() else []
     reports = (figures(line) for line in map(fields_of, lines) if line.get("event") in TELLING)
-    return [each for each in reports if isinstance(each, SentFigures | KeyProgress)]
+    return [report for report in reports if isinstance(report, SentFigures | KeyProgress)]

@@ -44,7 +44,7 @@ def _parsed(text: str) -> tuple[str, list[float]]:
     stated = PRESETS.get(text, text)
     distribution = DISTRIBUTION.fullmatch(stated)
     name, arguments = distribution.groups() if distribution else ("", stated)
-    words = [NUMBER.fullmatch(each.strip()) for each in arguments.split(",")]
+    words = [NUMBER.fullmatch(word.strip()) for word in arguments.split(",")]
     numbers = [float(word[1]) * UNITS_NS[word[2]] for word in words if word]
     fits = len(numbers) == len(words) == NUMBERS[name]
     if not fits or max(numbers) > MOST_NS or numbers != sorted(numbers):

@@ -116,7 +116,7 @@ class QuantumSwitch:
     @property
     def parts(self) -> Device:
         """Return the hardware of all parts."""
-        return replace(Device(), **{each: getattr(self, each) for each in PARTS})
+        return replace(Device(), **{part: getattr(self, part) for part in PARTS})
 
     @property
     def analyser_device(self) -> Device:

@@ -18,7 +18,7 @@ class Figures:
 
     def __init__(self, **values: Any) -> None:
         """Hold the given values; raise TypeError for an unknown name."""
-        if unknown := values.keys() - {each.name for each in fields(cast("Any", self))}:
+        if unknown := values.keys() - {field.name for field in fields(cast("Any", self))}:
             raise TypeError(f"{type(self).__name__} has no {', '.join(sorted(unknown))}")
         vars(self).update(values)
 

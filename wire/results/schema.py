@@ -29,7 +29,7 @@ def schema_of(kind: Any, definitions: Schema, schemas: Mapping[str, Schema] = NO
     if kind in PLAIN:
         return {"type": PLAIN[kind]}
     if isinstance(kind, UnionType):
-        return {"anyOf": [schema_of(each, definitions) for each in get_args(kind)]}
+        return {"anyOf": [schema_of(option, definitions) for option in get_args(kind)]}
     if get_origin(kind) in (list, tuple):
         return {"type": "array", "items": schema_of(get_args(kind)[0], definitions)}
     if get_origin(kind) is dict:
@@ -42,7 +42,7 @@ def schema_of(kind: Any, definitions: Schema, schemas: Mapping[str, Schema] = NO
 
 def _schema_of_dataclass(kind: Any, definitions: Schema, schemas: Mapping[str, Schema]) -> Schema:
     hints = get_type_hints(kind)
-    names = [each.name for each in fields(kind)]
+    names = [field.name for field in fields(kind)]
     return {
         "type": "object",
         "description": " ".join((kind.__doc__ or "").split()),
@@ -50,7 +50,7 @@ def _schema_of_dataclass(kind: Any, definitions: Schema, schemas: Mapping[str, S
             name: schemas[name] if name in schemas else schema_of(hints[name], definitions)
             for name in names
         },
-        "required": sorted(each.name for each in fields(kind) if _is_there(kind, each)),
+        "required": sorted(field.name for field in fields(kind) if _is_there(kind, field)),
         "additionalProperties": False,
     }
 

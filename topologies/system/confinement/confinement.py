@@ -221,7 +221,7 @@ def end_by_hanging_up(programs: Sequence[Owner]) -> None:
 def children(pid: int) -> list[int]:
     """Return the processes that a process without threads has started, or has taken in."""
     try:
-        return [int(each) for each in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+        return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
     except (FileNotFoundError, ProcessLookupError):
         return []  # it has ended
 
