@@ -83,11 +83,6 @@ class Report:
     authentication: int  # pre-shared key used by both directions
 
     @property
-    def net(self) -> int:
-        """Bits of key that the session has brought, less those that it used."""
-        return self.key - self.authentication
-
-    @property
     def qber(self) -> float | None:
         """Error rate of the sample; None before there is one."""
         return self.errors_in_sample / self.sample if self.sample else None

@@ -9,7 +9,7 @@ to two pairs of applications. Files have mode 0600 and hold the key, nothing els
 handed out by the one process that removes its file; the removal is on disk
 before the key is returned. A crash can lose a key, never hand it out twice.
 
-Words of ETSI GS QKD 014: `take_next` serves enc_keys, `take` dec_keys, `stored` is
+Words of ETSI GS QKD 014: `take_oldest` serves enc_keys, `take` dec_keys, `stored` is
 stored_key_count and `capacity` max_key_count.
 """
 
@@ -149,11 +149,6 @@ class KeyStore:
             return [key_files.unlink(self._second, name) for name in names]
         finally:
             key_files.sync_folder(self._second)
-
-    def take_next(self) -> StoredKey:
-        """Hand out the oldest key that is this end's to hand out first; MissingKey if none."""
-        (key,) = self.take_oldest(1)
-        return key
 
     def take_oldest(self, count: int) -> list[StoredKey]:
         """Hand out `count` of the oldest keys that are this end's to hand out first.

@@ -37,7 +37,6 @@ from views.dissection.layout import Layout, Tail
 from views.dissection.scapy_fields import Framed, scapy_field
 from wire import device, events
 from wire.dispatcher_pb2 import Event
-from wire.malformed import MalformedPacket
 from wire.metadata import header
 from wire.metadata.decoding import KINDS
 from wire.pcapng import LINKTYPE_USER0
@@ -147,13 +146,6 @@ def _layers(kinds: list[Layout]) -> dict[int, type[Packet]]:
         made[kind.number] = type(f"QMeta{kind.name}", (Packet,), names)
         bind_layers(QMeta, made[kind.number], kind=kind.number)
     return made
-
-
-def decode_layers(data: bytes) -> Packet:
-    """Read one whole message as scapy layers; raise MalformedPacket for less or more."""
-    if len(data) < header.HEADER.size or int.from_bytes(data[4:8], "big") != len(data):
-        raise MalformedPacket(f"{len(data)} bytes are not one message")
-    return QMeta(data)
 
 
 LAYERS = _layers(

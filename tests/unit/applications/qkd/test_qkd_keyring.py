@@ -68,7 +68,7 @@ def test_every_key_is_handed_out_first_by_one_end(tmp_path: Path) -> None:
     assert len(ids) == key.size // 256
     ends = alice.store("bob"), bob.store("alice")
     for mine, theirs in (ends, ends[::-1]):
-        handed = mine.take_next()
+        handed = mine.take_oldest(1)[0]
         assert theirs.take(handed.key_id) == handed.key
 
 
