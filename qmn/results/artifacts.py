@@ -11,11 +11,12 @@ from pathlib import Path
 from qmn.network.options import NetworkOptions
 from qmn.results.run_folder import PRIVATE, lasting
 from qmn.results.run_result import NetworkResult
-from qmn.results.timeline import timeline_of_run
+from qmn.results.timeline import TIMELINE, timeline_of_run
 from topologies.networks.network import Interrupted
 from topologies.system.processes.outputs import LostOutput
 from topologies.system.processes.programs import NetworkError
 from wire.controller_lines import EARLIER, RECORD
+from wire.leaps import LEAPS
 from wire.results.run_result import RESULT
 
 
@@ -50,7 +51,8 @@ def _forget_earlier(folder: Path) -> None:
     Logs and records are emptied when they are opened; see `Runtime.private_file`.
     """
     if any((folder / name).exists() for name in (RESULT, RECORD)):
-        for left in (folder / RESULT, folder / (RECORD + EARLIER), *folder.glob("*.pcap")):
+        names = (RESULT, RECORD + EARLIER, LEAPS, TIMELINE)
+        for left in (*(folder / name for name in names), *folder.glob("*.pcap")):
             left.unlink(missing_ok=True)
 
 

@@ -16,6 +16,7 @@ from views.dissection.dissectors import SCRIPT, script
 from views.report.report_file import NoReport, made_report
 from wire.controller_lines import EARLIER, RECORD
 from wire.dispatcher_pb2 import Event
+from wire.leaps import LEAPS
 from wire.results.run_result import RESULT, NetworkFacts
 
 OPTIONS = NetworkOptions(seed=7, length_km=2.0, fiber=("filter_nm=2",))
@@ -45,12 +46,13 @@ def test_parameters_seed_and_timeline_are_left(tmp_path: Path) -> None:
 
 
 def test_captures_of_an_earlier_network_are_not_taken_for_this_ones(tmp_path: Path) -> None:
-    for name in (RECORD, RECORD + EARLIER, "s1-eth1.pcap"):
+    earlier = (RECORD + EARLIER, "s1-eth1.pcap", LEAPS, TIMELINE)
+    for name in (RECORD, *earlier):
         (tmp_path / name).write_text("earlier")
     with artifacts_of(OPTIONS, tmp_path):
         pass
     assert result(tmp_path)["captures"] == []
-    assert not (tmp_path / (RECORD + EARLIER)).exists()
+    assert not [name for name in earlier if (tmp_path / name).exists()]
 
 
 def test_what_is_in_a_folder_without_a_network_stays(tmp_path: Path) -> None:
