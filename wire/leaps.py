@@ -2,7 +2,10 @@
 
 import struct
 from bisect import bisect_right
+from collections.abc import Callable
 from pathlib import Path
+
+from wire.pcapng import PcapReader
 
 LEAPS = "clock.leaps"  # in the folder of a run
 LEAP = struct.Struct("=QQ")  # when, by the wall, and to which instant
@@ -19,3 +22,7 @@ class LeapingClock:
     def at(self, wall_ns: int) -> int:
         number = bisect_right(self._leaps, wall_ns, key=lambda leap: leap[0])
         return int(self._leaps[number - 1][1]) if number else wall_ns
+
+    def of(self, capture: PcapReader) -> Callable[[int], int]:
+        """Return what gives the network's time (ns) for the times that a capture has."""
+        return int if capture.network_time else self.at

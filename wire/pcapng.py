@@ -1,4 +1,4 @@
-"""Capture files: writes pcapng with named interfaces, reads it and tcpdump's pcap.
+"""Capture files: pcapng with named interfaces, and pcap, as tcpdump writes it.
 
     section header | interface | interface | ... | packet | packet | ...
 
@@ -31,9 +31,11 @@ _PACKET_BODY = struct.Struct("<IIIII")
 _PACKET_HEAD = struct.Struct("<IIIIIII")  # of the block and of its body
 TRAILER_BYTES = _LENGTH.size  # of a packet's block, behind data and padding
 _PADDING = (b"", b"\0\0\0", b"\0\0", b"\0")
-_HEADER = struct.Struct("<IHHiIII")
+_HEADER = struct.Struct("<IHHi4sII")
 _RECORD = struct.Struct("<IIII")
 _MAGIC, _MAJOR, _MINOR = 0xA1B23C4D, 2, 4  # with nanoseconds
+# In Reserved2, which all readers ignore: the packets have the time of a stepped network.
+NETWORK_TIME = b"qmnN"
 _SECOND_NS = 1_000_000_000
 
 
@@ -137,8 +139,21 @@ class Reader:
         return Packet(high << 32 | low, data, length, interface)
 
 
+class PcapWriter:
+    """Writes a pcap file with nanoseconds, by the wall's clock or by a stepped network's."""
+
+    def __init__(self, file: IO[bytes], link_type: int, network_time: bool = False) -> None:
+        clock = NETWORK_TIME if network_time else bytes(4)
+        file.write(_HEADER.pack(_MAGIC, _MAJOR, _MINOR, 0, clock, MAX_PACKET_BYTES, link_type))
+        self._file = file
+
+    def write(self, packet: Packet) -> None:
+        time = divmod(packet.time_ns, _SECOND_NS)
+        self._file.write(_RECORD.pack(*time, len(packet.data), packet.length) + packet.data)
+
+
 class PcapReader:
-    """Reads tcpdump's files of either byte order, with micro- or nanoseconds."""
+    """Reads pcap files of either byte order, with micro- or nanoseconds."""
 
     _FILE = struct.Struct("IHHiIII")
     _UNITS_NS = {0xA1B2C3D4: 1000, 0xA1B23C4D: 1}  # noqa: RUF012
@@ -154,6 +169,7 @@ class PcapReader:
                 self._record = struct.Struct(f"{order}IIII")
                 (link_type,) = struct.unpack_from(f"{order}I", head, 20)
                 self.link_type = link_type & 0xFFFF
+                self.network_time = head[12:16] == NETWORK_TIME  # else the wall's
                 return
         raise MalformedPacket(f"not a pcap file: begins with {head[:4].hex()}")
 
@@ -199,7 +215,6 @@ def _option(code: int, value: bytes = b"") -> bytes:
 def with_clock(source: IO[bytes], target: IO[bytes], ahead_ns: int) -> None:
     """Copy a pcap file whose clock was ahead by so much; raise MalformedPacket if it is not one."""
     reader = PcapReader(source)
-    target.write(_HEADER.pack(_MAGIC, _MAJOR, _MINOR, 0, 0, MAX_PACKET_BYTES, reader.link_type))
+    writer = PcapWriter(target, reader.link_type)
     for packet in reader.packets():
-        time = divmod(packet.time_ns - ahead_ns, _SECOND_NS)
-        target.write(_RECORD.pack(*time, len(packet.data), packet.length) + packet.data)
+        writer.write(packet._replace(time_ns=packet.time_ns - ahead_ns))

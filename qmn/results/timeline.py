@@ -1,74 +1,38 @@
 """One timeline of a run: all packets and all quantum events in one file, in time order.
 
-Packets of several captures in the order of time, in memory that does not grow with their number.
-
-The place of each packet is noted in 40 bytes; notes are sorted in batches, each put into a file,
-and the sorted parts are then read beside each other.
+In stepped time the captures get the network's clock when the timeline is made. Packets of one
+instant then have the same time, and the timeline alone has their order.
 """
 
-import heapq
 import os
-import struct
-import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from itertools import islice, pairwise
+from itertools import chain
 from pathlib import Path
-from typing import IO, NamedTuple
+from tempfile import TemporaryDirectory
+from typing import IO
 
+from qmn.results.time_order import Place, in_time_order
 from topologies.nodes.tls import KEY_LOGS
 from topologies.system.runs.runtime import EVENT_CAPTURE
 from views.dissection.dissectors import install
 from wire.leaps import LeapingClock
 from wire.malformed import MalformedPacket
-from wire.pcapng import TRAILER_BYTES, Interface, Packet, PcapReader, Reader, Writer
+from wire.pcapng import (
+    TRAILER_BYTES,
+    Interface,
+    Packet,
+    PcapReader,
+    PcapWriter,
+    Reader,
+    Writer,
+)
 
-# Big-endian, so that the bytes of notes sort as their fields do.
-NOTE = struct.Struct("!QQIIQII")
-SORTED_AT_ONCE = 50_000  # notes: some 6 MB
 TIMELINE = "all.pcapng"
 MERGE_AT_MOST_BYTES = 500_000_000  # of captures, at the end of a run: a few seconds
 WHOLE_AT_MOST_BYTES = 4_000_000  # of captures: of more, the timeline has the heads of packets
 HEAD_BYTES = 128  # headers, and what quantum metadata begins with
 LEAST_PCAP_BYTES = 24  # its header; a capture that was killed at its start has less
-
-
-class Place(NamedTuple):
-    """Where a packet's bytes are; places sort by time, then by order of interfaces."""
-
-    time_ns: int
-    wall_ns: int  # 0 of events: in stepped time, a packet is captured in an instant, behind these
-    interface: int
-    file: int
-    offset: int
-    size: int  # bytes there
-    length: int  # of the packet, before it was cut
-
-
-def in_time_order(
-    places: Iterable[Place], file: IO[bytes], at_once: int = SORTED_AT_ONCE
-) -> Iterator[Place]:
-    """Return places by time; all have been read when it returns.
-
-    The file, which is empty, holds those that memory shall not, and is read as they are yielded.
-    """
-    notes = (NOTE.pack(*place) for place in places)
-    begins = [0]
-    while part := sorted(islice(notes, at_once)):
-        file.write(b"".join(part))
-        begins.append(begins[-1] + len(part))
-    each = max(1, at_once // len(begins))  # of each part: together as many as before
-    parts = [_read(file, begin, end, each) for begin, end in pairwise(begins)]
-    return (Place(*NOTE.unpack(note)) for note in heapq.merge(*parts))
-
-
-def _read(file: IO[bytes], begin: int, end: int, at_once: int) -> Iterator[bytes]:
-    """Yield the notes of a sorted part, read a few at a time."""
-    for first in range(begin, end, at_once):
-        file.seek(first * NOTE.size)
-        data = file.read(min(at_once, end - first) * NOTE.size)
-        for offset in range(0, len(data), NOTE.size):
-            yield data[offset : offset + NOTE.size]
 
 
 class NoCaptures(Exception):
@@ -79,13 +43,16 @@ def timeline_of_run(run: Path) -> str:
     """Merge what was captured, beside dissectors for it; return the file, or why there is none.
 
     Of a long run it is not a second copy of everything: packets, whole in the captures, are cut.
+    Nobody may write the captures any more: those of stepped time get the network's clock.
     """
     install(run)
     size = captured_bytes(run)
     if size > MERGE_AT_MOST_BYTES:
-        return f"not made, of {size / 1e6:,.0f} MB of captures: `qmn wireshark {run}` makes it"
+        text = f"not made, of {size / 1e6:,.0f} MB of captures, which keep the wall's clock"
+        return f"{text}: `qmn wireshark {run}` makes it"
+    packet_bytes = HEAD_BYTES if size > WHOLE_AT_MOST_BYTES else None
     try:
-        return str(merge(run, packet_bytes=HEAD_BYTES if size > WHOLE_AT_MOST_BYTES else None))
+        return str(merge(run, packet_bytes=packet_bytes, rewrite=True))
     except (NoCaptures, MalformedPacket, OSError) as error:
         return f"not made: {error}"
 
@@ -94,45 +61,139 @@ def captured_bytes(run: Path) -> int:
     return sum(file.stat().st_size for file in _captures(run))
 
 
-def merge(run: Path, target: Path | None = None, packet_bytes: int | None = None) -> Path:
+def merge(
+    run: Path, target: Path | None = None, packet_bytes: int | None = None, rewrite: bool = False
+) -> Path:
     """Write the timeline of a run's folder, by default into it; return the file.
 
-    It has at most `packet_bytes` of each packet; None: all that was captured.
+    It has at most `packet_bytes` of each packet; None: all that was captured. With `rewrite`,
+    captures get the network's clock where it differs from that of the wall.
 
     Packets are on interfaces named after their capture files, events on those that they
     have in the dispatcher's file. Raise NoCaptures where there is nothing, MalformedPacket
-    for a file that is not a capture.
+    for a file that is not a capture, or has other packets than the timeline that has their order.
     """
-    captures = _captures(run)
-    if not captures:
+    files = _captures(run)
+    if not files:
         raise NoCaptures(
             f"no captures in {run}: name the folder of a run that has some, as all have but those "
             "made with --captures none"
         )
     target = target or run / TIMELINE
-    unfinished = target.with_name(f".{target.name}")
-    interfaces: list[Interface] = []
-    clock = LeapingClock(run)
     with ExitStack() as stack:
-        files = [stack.enter_context(capture.open("rb")) for capture in captures]
-        places = (
-            place
-            for number, (file, capture) in enumerate(zip(files, captures, strict=True))
-            for place in _places(file, number, capture, interfaces, clock)
-        )
-        beside = stack.enter_context(tempfile.TemporaryFile(dir=target.parent))
-        ordered = in_time_order(places, beside)
-        unfinished.unlink(missing_ok=True)  # it may be a link
-        unfinished.touch(mode=0o600, exist_ok=False)
-        with unfinished.open("wb") as output:
-            writer = Writer(output, interfaces, key_log(run))
-            for time_ns, _wall_ns, interface, number, offset, size, length in ordered:
-                if packet_bytes is not None and captures[number].suffix == ".pcap":
-                    size = min(size, packet_bytes)
-                data = os.pread(files[number].fileno(), size, offset)
-                writer.write(Packet(time_ns, data, length, interface))
-    unfinished.replace(target)
+        beside = Path(stack.enter_context(TemporaryDirectory(prefix=".", dir=target.parent)))
+        captured = Captured(run, files, stack, beside)
+        ordered = captured.in_order()
+        moved = captured.moved if rewrite else ()
+        with ExitStack() as outputs:
+            output = outputs.enter_context(_begin(beside / target.name))
+            writer = Writer(output, captured.interfaces, key_log(run))
+            copies = {
+                number: PcapWriter(
+                    outputs.enter_context(_begin(beside / files[number].name)),
+                    captured.interfaces[number].link_type,
+                    network_time=True,
+                )
+                for number in moved
+            }
+            for place in ordered:
+                packet = captured.packet(place)
+                if place.file in copies:
+                    copies[place.file].write(packet)
+                if place.file < captured.pcaps:
+                    packet = packet._replace(data=packet.data[:packet_bytes])
+                writer.write(packet)
+        (beside / target.name).replace(target)  # first: it alone has the order within an instant
+        for number in moved:
+            (beside / files[number].name).replace(files[number])
     return target
+
+
+class Captured:
+    """The captures of a run, and behind them its events."""
+
+    def __init__(self, run: Path, files: Sequence[Path], stack: ExitStack, beside: Path) -> None:
+        """Open them; notes are put into a folder meanwhile."""
+        self._run, self._stack, self._beside = run, stack, beside
+        self._files = [stack.enter_context(file.open("rb")) for file in files]
+        self._readers = [
+            PcapReader(opened)
+            for file, opened in zip(files, self._files, strict=True)
+            if file.suffix == ".pcap"
+        ]
+        self.pcaps = len(self._readers)
+        self._clock = LeapingClock(run)
+        self.moved: set[int] = set()  # captures to which the network's clock gives other times
+        self.interfaces = [
+            Interface(file.stem, reader.link_type)
+            for file, reader in zip(files, self._readers, strict=False)
+        ]
+
+    def in_order(self) -> Iterator[Place]:
+        """Return where all packets are, by time; all have been read when it returns."""
+        parts = [self._packets(number) for number in range(self.pcaps)]
+        parts += [self._events(number) for number in range(self.pcaps, len(self._files))]
+        rewritten = {n for n, reader in enumerate(self._readers) if reader.network_time}
+        if not rewritten:
+            return self._sorted(chain.from_iterable(parts))
+        timeline = self._run / TIMELINE
+        if not timeline.exists():
+            raise NoCaptures(
+                f"{timeline} is gone, which had the order of packets that have one time; without "
+                f"it: `mergecap -w {TIMELINE} *.pcap {EVENT_CAPTURE}` there"
+            )
+        file = self._stack.enter_context(timeline.open("rb"))
+        return self._as_in(
+            file,
+            [
+                part if number in rewritten else self._sorted(part, number)
+                for number, part in enumerate(parts)
+            ],
+        )
+
+    def _as_in(self, timeline: IO[bytes], parts: Sequence[Iterator[Place]]) -> Iterator[Place]:
+        """Yield places in the order of a timeline that was made of the same packets."""
+        reader = Reader(timeline)
+        for packet in reader.packets():
+            place = next(parts[min(packet.interface, len(parts) - 1)], None)
+            if place is None or (place.interface, place.time_ns) != (
+                packet.interface,
+                packet.time_ns,
+            ):
+                break
+            yield place
+        else:
+            same = reader.interfaces == self.interfaces
+            if same and not any(next(part, None) for part in parts):
+                return
+        raise MalformedPacket(f"{self._run / TIMELINE} is not of the captures beside it")
+
+    def packet(self, place: Place) -> Packet:
+        data = os.pread(self._files[place.file].fileno(), place.size, place.offset)
+        return Packet(place.time_ns, data, place.length, place.interface)
+
+    def _sorted(self, places: Iterator[Place], number: int = 0) -> Iterator[Place]:
+        notes = self._beside / f"notes-{number}"
+        return in_time_order(places, self._stack.enter_context(notes.open("x+b")))
+
+    def _packets(self, number: int) -> Iterator[Place]:
+        file, reader = self._files[number], self._readers[number]
+        network_ns = self._clock.of(reader)
+        for captured_ns, data, length, _interface in reader.packets():
+            time_ns, size = network_ns(captured_ns), len(data)
+            if time_ns != captured_ns:
+                self.moved.add(number)
+            offset = file.tell() - size
+            yield Place(time_ns, captured_ns, number, number, offset, size, length)
+
+    def _events(self, number: int) -> Iterator[Place]:
+        """Yield where events are; add their interfaces."""
+        file, first = self._files[number], len(self.interfaces)
+        events = Reader(file)
+        for time_ns, data, length, interface in events.packets():
+            end = file.tell() - TRAILER_BYTES - (-len(data) % 4)
+            yield Place(time_ns, 0, first + interface, number, end - len(data), len(data), length)
+        self.interfaces += events.interfaces
 
 
 def key_log(run: Path) -> bytes:
@@ -140,23 +201,10 @@ def key_log(run: Path) -> bytes:
     return b"".join(file.read_bytes() for file in sorted(run.glob(KEY_LOGS)))
 
 
-def _places(
-    file: IO[bytes], number: int, capture: Path, interfaces: list[Interface], clock: LeapingClock
-) -> Iterator[Place]:
-    """Yield where the packets of a file are; add its interfaces to the list."""
-    first = len(interfaces)
-    if capture.suffix == ".pcap":
-        pcap = PcapReader(file)
-        interfaces.append(Interface(capture.stem, pcap.link_type))
-        for time_ns, data, length, _interface in pcap.packets():
-            size = len(data)
-            yield Place(clock.at(time_ns), time_ns, first, number, file.tell() - size, size, length)
-        return
-    events = Reader(file)
-    for time_ns, data, length, interface in events.packets():
-        end = file.tell() - TRAILER_BYTES - (-len(data) % 4)
-        yield Place(time_ns, 0, first + interface, number, end - len(data), len(data), length)
-    interfaces += events.interfaces
+def _begin(file: Path) -> IO[bytes]:
+    """Open a new file that only its owner can read."""
+    file.touch(mode=0o600, exist_ok=False)
+    return file.open("wb")
 
 
 def _captures(run: Path) -> list[Path]:

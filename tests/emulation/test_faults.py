@@ -11,11 +11,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, in_runs, our_processes, qmn, qmn_command, qmn_words, wait_until
+from conftest import ROOT, in_runs, our_processes, qmn, qmn_command, qmn_words, verb, wait_until
 from limits import SOON_S
 from loaded import Running, running_qmn
+from scapy.utils import RawPcapReader
 
 from qmn.timeouts import START_TIMEOUT_S
+from wire.pcapng import Reader
 
 # Alice's shell is killed when her stack is to be started.
 STRUCK = """
@@ -215,7 +217,23 @@ def test_the_run_after_a_killed_one_works(tmp_path: Path) -> None:
     with run_to_kill(tmp_path) as process:
         read_until(process, "sending")
         process.kill()
+    killed = (tmp_path / "latest").resolve()
     assert qmn("--message", "after", runs=tmp_path).returncode == 0
+    captures_stay_by_the_wall(killed)
+
+
+def captures_stay_by_the_wall(killed: Path) -> None:
+    """Look at a killed run: what is made of it later has the network's time, 1,000 s ahead."""
+    captured = {file: file.read_bytes() for file in killed.glob("*.pcap")}
+    page = Path(verb("report", str(killed)).stdout.strip()).read_text()
+    assert "The handshake, in both layers" in page
+    verb("wireshark", str(killed))
+    assert {file: file.read_bytes() for file in killed.glob("*.pcap")} == captured
+    with RawPcapReader(str(killed / "s1-eth1.pcap")) as reader:
+        by_wall_s = [about.sec for _data, about in reader]
+    with (killed / "all.pcapng").open("rb") as opened:
+        in_steps_s = [packet.time_ns / 1e9 for packet in Reader(opened).packets()]
+    assert by_wall_s[-1] <= (killed / "s1-eth1.pcap").stat().st_mtime < in_steps_s[-1] - 900
 
 
 def test_an_ordinary_user_is_told_to_use_sudo(tmp_path: Path) -> None:

@@ -62,6 +62,31 @@ def test_capinfos_finds_named_interfaces_and_nothing_wrong(run: Path) -> None:
     assert "Strict time order:   True" in merged
 
 
+def times(file: Path) -> dict[str, list[tuple[str, str]]]:
+    """Return time and digest of each packet by its interface: of a capture, "" is the only one."""
+    digest = ["-o", "frame.generate_md5_hash:TRUE", "-T", "fields"]
+    shown = ["-e", "frame.interface_name", "-e", "frame.time_epoch", "-e", "frame.md5_hash"]
+    command = [*TSHARK, "-r", str(file), *digest, *shown]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=SOON_S)
+    found: dict[str, list[tuple[str, str]]] = {}
+    for line in done.stdout.splitlines():
+        name, time_s, digest_ = line.split("\t")
+        found.setdefault(name, []).append((time_s, digest_))
+    return found
+
+
+def test_captures_have_the_times_of_the_timeline_and_keep_them(run: Path) -> None:
+    """The clock of the network led the wall by 1,000 s when the run ended."""
+    timeline, captures = run / "all.pcapng", sorted(run.glob("*.pcap"))
+    merged, before = times(timeline), {file: file.read_bytes() for file in [timeline, *captures]}
+    assert len(captures) > 4
+    for file in captures:
+        assert times(file)[""] == merged[file.stem]
+        assert Decimal(merged[file.stem][-1][0]) > file.stat().st_mtime + 900
+    assert verb("wireshark", str(run), "--whole").stdout
+    assert {file: file.read_bytes() for file in before} == before
+
+
 @pytest.mark.image
 def test_wireshark_sees_packets_and_qubits_on_one_timeline(run: Path) -> None:
     # alice hangs on s1-eth1, bob on s1-eth2: pending before the controller, granted behind it.

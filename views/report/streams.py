@@ -44,11 +44,12 @@ def segments(file: Path) -> Iterator[Segment]:
     Raise MalformedPacket for a file that is not a capture.
     """
     with file.open("rb") as opened:
-        reader, clock = PcapReader(opened), LeapingClock(file.parent)
+        reader = PcapReader(opened)
+        network_ns = LeapingClock(file.parent).of(reader)
         if reader.link_type != LINKTYPE_ETHERNET:
             raise MalformedPacket(f"{file.name}: link type {reader.link_type} is not Ethernet")
         for packet in islice(reader.packets(), MAX_PACKETS):
-            segment = _segment(packet._replace(time_ns=clock.at(packet.time_ns)))
+            segment = _segment(packet._replace(time_ns=network_ns(packet.time_ns)))
             if segment is not None:
                 yield segment
 

@@ -7,10 +7,11 @@ import time
 from pathlib import Path
 
 import pytest
-from scapy.utils import PcapWriter
+from scapy.utils import PcapWriter, RawPcapReader
 
 from dispatcher.layer.history import EventCapture
 from qmn.results.timeline import (
+    TIMELINE,
     WHOLE_AT_MOST_BYTES,
     NoCaptures,
     captured_bytes,
@@ -18,6 +19,7 @@ from qmn.results.timeline import (
     timeline_of_run,
 )
 from topologies.system.runs.runtime import EVENT_CAPTURE
+from views.dissection.dissectors import PROTOCOL, SCRIPT
 from views.events.event_sources import recorded
 from views.verbs.wireshark import prepare
 from wire.config import Fiber, FiberEnd
@@ -61,23 +63,103 @@ def read(file: Path) -> tuple[list[str], list[Packet]]:
     return [interface.name for interface in reader.interfaces], packets
 
 
-def test_a_packet_has_the_instant_of_the_last_leap_before_it(tmp_path: Path) -> None:
-    capture(tmp_path / "s1-eth1.pcap", [5, 10, 25])
-    capture(tmp_path / "s1-eth2.pcap", [20])
-    record(tmp_path / EVENT_CAPTURE, [event(1_000), event(2_000)])
+def stepped(run: Path) -> None:
+    """Leave what a run leaves whose clock has leapt twice; in between, packets came in turns."""
+    capture(run / "s1-eth1.pcap", [5, 10, 14, 25])
+    capture(run / "s1-eth2.pcap", [12])
+    capture(run / "s1-eth3.pcap", [13, 11])  # as two processors may leave them
+    record(run / EVENT_CAPTURE, [event(1_000), event(2_000)])
     leaps = ((9, 1_000), (22, 2_000))  # by the wall, and to which instant
     begin_ns = START_S * 10**9
     packed = b"".join(LEAP.pack(begin_ns + wall, begin_ns + to) for wall, to in leaps)
-    (tmp_path / LEAPS).write_bytes(packed + b"cut")
-    names, packets = read(merge(tmp_path))
-    assert [(packet.time_ns - begin_ns, names[packet.interface]) for packet in packets] == [
-        (5, "s1-eth1"),
-        (1_000, "dispatcher"),
-        (1_000, "s1-eth1"),
-        (1_000, "s1-eth2"),
-        (2_000, "dispatcher"),
-        (2_000, "s1-eth1"),
-    ]
+    (run / LEAPS).write_bytes(packed + b"cut")
+
+
+IN_STEPS = [
+    (5, "s1-eth1", 5),
+    (1_000, "dispatcher", None),
+    (1_000, "s1-eth1", 10),
+    (1_000, "s1-eth3", 11),
+    (1_000, "s1-eth2", 12),
+    (1_000, "s1-eth3", 13),
+    (1_000, "s1-eth1", 14),
+    (2_000, "dispatcher", None),
+    (2_000, "s1-eth1", 25),
+]
+
+
+def in_steps(file: Path) -> list[tuple[int, str, int | None]]:
+    """Return time, interface and number of each packet, which has 60 bytes."""
+    names, packets = read(file)
+    seen: list[tuple[int, str, int | None]] = []
+    for packet in packets:
+        offset_ns, name = packet.time_ns - START_S * 10**9, names[packet.interface]
+        number = int.from_bytes(packet.data, "big") if name.startswith("s1") else None
+        assert number is None or len(packet.data) == 60
+        seen.append((offset_ns, name, number))
+    return seen
+
+
+def by_scapy(file: Path) -> list[tuple[int, int]]:
+    """Return time and number of each packet of a capture, read by another program."""
+    with RawPcapReader(str(file)) as reader:
+        assert reader.nano
+        return [
+            ((at.sec - START_S) * 10**9 + at.usec, int.from_bytes(data, "big"))
+            for data, at in reader
+        ]
+
+
+def test_a_packet_has_the_instant_of_the_last_leap_before_it(tmp_path: Path) -> None:
+    stepped(tmp_path)
+    before = {file: file.read_bytes() for file in tmp_path.glob("*.pcap")}
+    assert in_steps(merge(tmp_path)) == IN_STEPS
+    assert {file: file.read_bytes() for file in tmp_path.glob("*.pcap")} == before
+
+
+def test_captures_of_stepped_time_get_the_times_of_the_timeline_once(tmp_path: Path) -> None:
+    stepped(tmp_path)
+    capture(tmp_path / "cut.pcap", [26, 27])
+    (tmp_path / "cut.pcap").write_bytes((tmp_path / "cut.pcap").read_bytes()[:-1])
+    capture(tmp_path / "earlier.pcap", [2, 3])  # before the first leap
+    earlier = (tmp_path / "earlier.pcap").read_bytes()
+    names = {file.name for file in tmp_path.iterdir()}
+    timeline_of_run(tmp_path)
+    for name in ("s1-eth1", "s1-eth2", "s1-eth3"):
+        wanted = [(at, number) for at, where, number in IN_STEPS if where == name]
+        assert by_scapy(tmp_path / f"{name}.pcap") == wanted
+        assert (tmp_path / f"{name}.pcap").stat().st_mode & 0o777 == 0o600
+    assert by_scapy(tmp_path / "cut.pcap") == [(2_000, 26)]
+    assert (tmp_path / "earlier.pcap").read_bytes() == earlier
+    left = {file: file.read_bytes() for file in tmp_path.iterdir()}
+    assert {file.name for file in left} == names | {TIMELINE, SCRIPT, PROTOCOL.name}
+    timeline_of_run(tmp_path)
+    assert {file: file.read_bytes() for file in tmp_path.iterdir()} == left
+
+
+def test_the_order_within_an_instant_stays_when_whole_packets_are_merged(tmp_path: Path) -> None:
+    stepped(tmp_path)
+    _names, packets = read(merge(tmp_path, packet_bytes=20, rewrite=True))
+    assert {len(packet.data) for packet in packets if packet.interface < 3} == {20}
+    prepare(tmp_path, whole=True)
+    assert in_steps(tmp_path / TIMELINE) == IN_STEPS
+
+
+def test_captures_without_the_timeline_of_their_order_are_not_merged(tmp_path: Path) -> None:
+    stepped(tmp_path)
+    timeline_of_run(tmp_path)
+    capture(tmp_path / "s1-eth9.pcap", [7])
+    with pytest.raises(MalformedPacket, match="is not of the captures beside it"):
+        merge(tmp_path)
+    (tmp_path / "s1-eth9.pcap").unlink()
+    whole = (tmp_path / "s1-eth2.pcap").read_bytes()
+    for spoiled in (whole[:-1], whole + whole[24:]):
+        (tmp_path / "s1-eth2.pcap").write_bytes(spoiled)
+        with pytest.raises(MalformedPacket, match="is not of the captures"):
+            merge(tmp_path)
+    (tmp_path / TIMELINE).unlink()
+    with pytest.raises(NoCaptures, match=r"`mergecap -w all\.pcapng"):
+        merge(tmp_path)
 
 
 def test_packets_and_events_are_in_time_order_on_named_interfaces(tmp_path: Path) -> None:

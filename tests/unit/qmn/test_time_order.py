@@ -10,7 +10,7 @@ from random import Random
 import pytest
 
 from qmn.jobs.superdense import captured_mb
-from qmn.results.timeline import Place, in_time_order
+from qmn.results.time_order import Place, in_time_order
 
 
 def places(count: int, seed: int = 3) -> Iterator[Place]:

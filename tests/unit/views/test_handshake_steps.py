@@ -19,6 +19,7 @@ from recorded_run import (
     segment,
 )
 
+from qmn.results.timeline import timeline_of_run
 from views.report.packets import Flight, flights, messages
 from views.report.sequence import (
     METADATA,
@@ -33,6 +34,7 @@ from views.report.sequence import (
 )
 from wire import typed_json
 from wire.dispatcher_pb2 import Event
+from wire.leaps import LEAP, LEAPS
 from wire.malformed import MalformedPacket
 from wire.metadata.blocks import Block, Emission, Emit, Emitted, Finish, Frame, Report
 from wire.metadata.decoding import KINDS
@@ -69,6 +71,21 @@ def test_a_message_leaves_one_host_and_reaches_the_other(tmp_path: Path) -> None
     assert setup == Flight(GRANTED, "alice", "bob", START_NS, START_NS + 4 * MS)
     # It came out of bob in two segments.
     assert answer == Flight(ANSWER, "bob", "alice", START_NS + 5 * MS + 1, START_NS + 6 * MS)
+
+
+def test_a_message_has_the_same_times_before_and_after_its_captures_get_them(
+    tmp_path: Path,
+) -> None:
+    captures(tmp_path)
+    leaps = ((1, 70), (2, 500), (5, 900))  # ms: by the wall, and to which instant
+    packed = (LEAP.pack(START_NS + wall * MS, START_NS + to * MS) for wall, to in leaps)
+    (tmp_path / LEAPS).write_bytes(b"".join(packed))
+    before = flights(tmp_path, NETWORK, limit=10)
+    assert [flight.arrived_ns for flight in before] == [START_NS + to * MS for to in (500, 900)]
+    kept = (tmp_path / "s1-eth1.pcap").read_bytes()
+    timeline_of_run(tmp_path)
+    assert (tmp_path / "s1-eth1.pcap").read_bytes() != kept
+    assert flights(tmp_path, NETWORK, limit=10) == before
 
 
 def test_messages_are_put_together_and_taken_apart(tmp_path: Path) -> None:
