@@ -1,17 +1,12 @@
-"""Analysers and memories of a switch to its controllers: counts, and how light ended."""
+"""Analysers and memories of a switch to its controllers: what they are, and how light ended."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 from qswitch_agent.openflow.ports import Port
-from wire.analyser_frames import (
-    BROADCAST,
-    AnalyserCounts,
-    AnalyserFrame,
-    frames_of,
-)
+from wire.analyser_frames import BROADCAST, AnalyserFrame, frames_of
 from wire.parameters.physics import Device
-from wire.parameters.switch import InnerPort, Kind
+from wire.parameters.switch import InnerPort
 from wire.part_descriptions import describe
 
 NO_ADDRESS = bytes(6)
@@ -35,8 +30,6 @@ class InnerPorts:
         self._ports, self._send, self._parts = ports, send, parts
         self._announced = announced
         self._known: dict[int, Port] = {}  # the inner ports
-        first = [p for p, inner in ports.items() if (inner.kind, inner.which) == (Kind.ANALYSER, 1)]
-        self._counts = {port: AnalyserCounts(port) for port in first}
 
     def description(self, number: int, cutoff_s: float | None = None) -> bytes:
         """Return the property of a port that says what it leads to; a memory's cut-off, if set."""
@@ -54,13 +47,8 @@ class InnerPorts:
                 self._announced(self._known[number])
 
     def report(self, report: AnalyserFrame) -> None:
-        """Count outcomes, and send them by the flow entries of the analyser's port."""
-        if report.port in self._counts:
-            self._counts[report.port].add(report)
+        """Send outcomes by the flow entries of the analyser's port."""
         entry = self._known.get(report.port)
         sender = entry.address if entry else NO_ADDRESS
         for frame in frames_of(report):
             self._send(report.port, frame.encode(BROADCAST, sender))
-
-    def encode_counts(self) -> bytes:
-        return b"".join(counts.encode() for counts in self._counts.values())

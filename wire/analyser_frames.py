@@ -192,7 +192,7 @@ class Emission:
 
 @dataclass
 class AnalyserCounts:
-    """Counts of an analyser, or station, since its switch's agent began."""
+    """Counts of an analyser, or station, since the network began."""
 
     FIELDS = struct.Struct("!I4x11Q")
 
@@ -209,14 +209,15 @@ class AnalyserCounts:
     failed: int = 0  # blocks that came to it, or were there, when it had failed
     attempts: int = 0  # of all blocks of pairs that were heralded
 
-    def add(self, report: AnalyserFrame) -> None:
-        self.pulses += len(report.outcomes)
+    def add(self, end: End, outcomes: bytes = b"", attempts: int = 0) -> None:
+        """Count a block that has ended so, with one byte for each pulse."""
+        self.pulses += len(outcomes)
         for name, outcome in (("phi_plus", 0), ("psi_plus", 1), ("phi_minus", 2), ("psi_minus", 3)):
-            setattr(self, name, getattr(self, name) + report.outcomes.count(outcome))
-        self.none += report.outcomes.count(NO_COINCIDENCE)
-        self.attempts += report.waited_us * (report.end == End.HERALDED)
-        if report.end in COUNTED:
-            name = report.end.name.lower()
+            setattr(self, name, getattr(self, name) + outcomes.count(outcome))
+        self.none += outcomes.count(NO_COINCIDENCE)
+        self.attempts += attempts
+        if end in COUNTED:
+            name = end.name.lower()
             setattr(self, name, getattr(self, name) + 1)
 
     def encode(self) -> bytes:

@@ -11,7 +11,7 @@ Every block that comes ends here, and its end is reported.
 
 import asyncio
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -19,13 +19,19 @@ import numpy as np
 
 from dispatcher.layer.journal import CausedBy
 from dispatcher.layer.layer import PhysicalLayer, block_id
-from dispatcher.layer.network import Part
+from dispatcher.layer.network import Network, Part
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations.imperfections import over
 from dispatcher.operations.measurements import Measurements
 from dispatcher.refusal import Refusal
 from dispatcher.timeouts import ANALYSER_WAIT_S
-from wire.dispatcher_pb2 import BellMeasureRequest, BellOutcomes, Feedback
+from wire.analyser_frames import AnalyserCounts, End
+from wire.dispatcher_pb2 import (
+    BellMeasureRequest,
+    BellOutcomes,
+    Feedback,
+    SwitchStatisticsReply,
+)
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import BEAM_SPLITTER
 
@@ -34,10 +40,14 @@ INDISTINGUISHABLE = (0, 2)  # by linear optics
 
 
 class Reports:
-    """How light ends in the parts of switches, for their agents."""
+    """How light ends in the parts of switches, for their agents; counts of analysers."""
 
-    def __init__(self, parts: Mapping[str, Part]) -> None:
-        self._parts, self._numbers = parts, dict.fromkeys(parts, 0)
+    def __init__(self, network: Network) -> None:
+        self._parts = {**network.analysers, **network.memories}
+        self._numbers = dict.fromkeys(self._parts, 0)
+        self._counts = {
+            node: AnalyserCounts(int(part.ports[0])) for node, part in network.analysers.items()
+        }
         self._queues: dict[str, set[asyncio.Queue[BellOutcomes]]] = {}  # by switch
 
     @contextmanager
@@ -60,10 +70,17 @@ class Reports:
         report.port, report.number = int(part.ports[0]), block or number
         if not block and report.end != BellOutcomes.WAITS:  # whose report is to come
             self._numbers[node] = number
+        if node in self._counts:
+            self._counts[node].add(End(report.end), report.outcomes, report.attempts)
         for reports in self._queues.get(part.switch, ()):
             if reports.full():
                 reports.get_nowait()
             reports.put_nowait(report)
+
+    def counts(self, switch: str) -> Iterator[SwitchStatisticsReply.Analyser]:
+        for node, counts in self._counts.items():
+            if self._parts[node].switch == switch:
+                yield SwitchStatisticsReply.Analyser(**vars(counts))
 
 
 class Tasks:

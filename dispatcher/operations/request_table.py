@@ -50,7 +50,7 @@ class RequestTable:
         self.blocks = Operations(layer)
         measurements = Measurements(layer)
         network, tasks = layer.network, Tasks(layer, failed)
-        self.reports = Reports({**network.analysers, **network.memories})
+        self.reports = Reports(network)
         self.analysers = Analysers(layer, measurements, self.reports, tasks)
         self.stations = Stations(layer, self.heralding, self.reports, tasks)
         self.transport = Transport(layer, failed, self._came)

@@ -290,6 +290,7 @@ class Service(DispatcherServicer):
         self.callers.require_reader(node, request.switch)
         reply = self.table.switching.statistics(request.switch)
         reply.memories.extend(self.table.memories.states(request.switch))
+        reply.analysers.extend(self.table.reports.counts(request.switch))
         return reply
 
     @call

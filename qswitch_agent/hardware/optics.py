@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple, Protocol
 
-from wire.analyser_frames import AnalyserFrame, Emission, MemoryCounts
+from wire.analyser_frames import AnalyserCounts, AnalyserFrame, Emission, MemoryCounts
 
 
 class HardwareRefusal(Exception):
@@ -104,6 +104,7 @@ class Readings:
     circuits: Mapping[int, CircuitReading] = field(default_factory=dict)  # by name
     temperature_c: float = 0.0
     memories: Sequence[MemoryCounts] = ()
+    analysers: Sequence[AnalyserCounts] = ()  # by port
     not_measured: frozenset[Quantity] = frozenset()
 
     @property

@@ -3,6 +3,7 @@
 import asyncio
 from asyncio import StreamReader, StreamWriter
 from collections.abc import Awaitable, Callable, Iterable
+from dataclasses import fields
 from typing import TypeVar
 
 import grpc
@@ -25,7 +26,7 @@ from qswitch_agent.hardware.optics import (
 from qswitch_agent.timeouts import CALL_DEADLINE_S, STEPPED_DEADLINE_S
 from wire import dispatcher_pb2 as messages
 from wire import dispatcher_service
-from wire.analyser_frames import AnalyserFrame, Emission, End, MemoryCounts
+from wire.analyser_frames import AnalyserCounts, AnalyserFrame, Emission, End, MemoryCounts
 from wire.dispatcher_pb2 import CrossConnectOutcome, CrossConnectRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import cross_connects_socket
@@ -91,6 +92,7 @@ DIRECTIONS = {
     Direction.RECEIVE: messages.TunePortRequest.RECEIVE,
     Direction.TRANSMIT: messages.TunePortRequest.TRANSMIT,
 }
+COUNTERS = [field.name for field in fields(AnalyserCounts)]
 STATUS = {status.value[0]: status for status in grpc.StatusCode}
 
 Reply = TypeVar("Reply")
@@ -298,6 +300,10 @@ def _readings(reply: messages.SwitchStatisticsReply, now_ns: int) -> Readings:
                 memory.refused,
             )
             for memory in reply.memories
+        ],
+        analysers=[
+            AnalyserCounts(**{name: getattr(each, name) for name in COUNTERS})
+            for each in reply.analysers
         ],
     )
 

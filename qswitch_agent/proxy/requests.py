@@ -316,12 +316,10 @@ class Requests:
         if ours == PATH_OPTICS:
             body = encode_path_optics(self._switch.path_optics())
             await self._link.answer(messages.reply_of_ours(xid, ours, body))
-        elif ours == ANALYSER_COUNTS:
-            body = self._switch.inner_ports.encode_counts()
-            await self._link.answer(messages.reply_of_ours(xid, ours, body))
-        elif ours == MEMORY_COUNTS:
-            memories = (await self._switch.read()).memories
-            body = b"".join(memory.encode() for memory in memories)
+        elif ours in (ANALYSER_COUNTS, MEMORY_COUNTS):
+            readings = await self._switch.read()
+            parts = readings.analysers if ours == ANALYSER_COUNTS else readings.memories
+            body = b"".join(counts.encode() for counts in parts)
             await self._link.answer(messages.reply_of_ours(xid, ours, body))
         elif kind == ofp.OFPMP_TABLE_FEATURES and len(message) == messages.BODY:
             await self._link.answer(identity.table_features(xid))

@@ -8,6 +8,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, ClassVar, TypeVar
 
+from limits import wait_until
 from loaded import forks
 from mininet.topo import Topo
 
@@ -16,6 +17,7 @@ from hosts.stack_socket import BYTES
 from topologies.chain import ChainTopo
 from topologies.networks.network import Network, Signals
 from topologies.ring import RingTopo
+from topologies.system.processes.programs import python
 from topologies.system.runs.runtime import Runtime
 from wire.controller_lines import read_record
 from wire.parameters.network import NetworkSettings
@@ -113,12 +115,25 @@ def running(topo: Callable[[], Topo], folder: Path, **settings: Any) -> Iterator
 
 
 @contextmanager
-def started(topo: Callable[[], Topo], folder: Path, **settings: Any) -> Iterator[Network]:
+def started(
+    topo: Callable[[], Topo], folder: Path, time_scale: float = 1.0, **settings: Any
+) -> Iterator[Network]:
     """Run a network in this process where no other is."""
     asked, logs = NetworkSettings(**settings), folder / "run"
-    runtime = Runtime(asked, log_folder=logs, fork_server=forks())
+    runtime = Runtime(asked, log_folder=logs, fork_server=forks(), time_scale=time_scale)
     with Signals() as signals, Network(topo, runtime, signals) as network:
         yield network
+
+
+@contextmanager
+def restarted_agent(network: Network, switch: str) -> Iterator[None]:
+    """Kill a switch's agent; start it again at the end, and wait until c0 hears of the switch."""
+    agent, heard = network.net.get(switch).program, len(facts(network, "switch"))
+    agent.kill()
+    yield
+    config = network.runtime.folder / f"{switch}-agent.json"
+    agent.start([python(), "-m", "qswitch_agent", "--config", str(config)], forks=forks())
+    wait_until(lambda: len(facts(network, "switch")) > heard, f"{switch} is here again")
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from statistics import median
 
 import pytest
 from conftest import wait_until
-from fabric_scene import Session, facts, light_paths, running, session
+from fabric_scene import Session, facts, light_paths, restarted_agent, running, session
 from limits import SOON_S
 from loaded import forks
 
@@ -165,15 +165,11 @@ def test_a_framed_session_outlives_an_agent_that_is_killed(tmp_path: Path, frame
         running(SdcTopo, tmp_path, controller=framework) as network,
         session(network, "alice", "bob") as opened,
     ):
-        agent, before = network.net.get("q1").program, light_paths("q1")
-        switches = len(facts(network, "switch"))
+        before = light_paths("q1")
         opened.start(DATA)
         wait_until(lambda: len(bypasses(network)) == 2, "data has followed the set-up")
-        agent.kill()
-        config = network.runtime.folder / "q1-agent.json"
-        command = [python(), "-m", "qswitch_agent", "--config", str(config)]
-        agent.start(command, forks=forks())
-        wait_until(lambda: len(facts(network, "switch")) > switches, "q1 is here again")
+        with restarted_agent(network, "q1"):
+            pass
         assert light_paths("q1") == before
         assert opened.sending
         assert opened.finish(len(DATA)) == DATA

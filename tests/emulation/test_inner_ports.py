@@ -4,14 +4,25 @@ import re
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
-from agent_scene import DATAPATH, PING, Operator, accepted, flow_mod, light, outputs, refused
+from agent_scene import (
+    DATAPATH,
+    PING,
+    Operator,
+    accepted,
+    entries,
+    flow_mod,
+    light,
+    outputs,
+    refused,
+)
 from agent_scene import run as execute
 from conftest import nothing_left, wait_until
-from fabric_scene import Line, running
+from fabric_scene import Line, restarted_agent, running
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
 from test_switch_swaps import BOB, require_nothing_left, swapping
@@ -26,10 +37,11 @@ from topologies.networks.network import Network
 from wire import optical
 from wire.analyser_frames import AnalyserCounts, Emission, MemoryCounts
 from wire.parameters.physics import BellAnalyser, Detectors, Emitter, Gates, Memory, PairSource
-from wire.parameters.switch import FIRST_INNER_PORT
+from wire.parameters.switch import FIRST_INNER_PORT, INNER_PORTS
 
 ALICE, MEMORY, ANALYSER, SOURCE = 2, 61_001, 60_001, 62_001  # ports of q1
 PAIRS, SWITCHING_S = 100, 0.5
+SLOWER = 5  # seconds here of a second of the network, where light waits for programs
 EMISSION = Emission(7, 1, PAIRS, 50_000_000, 193_400_000)
 TOP = 0xFF00  # ports of the bridge itself begin there
 OUT_PORT = ofp.OFPET_BAD_ACTION, ofp.OFPBAC_BAD_OUT_PORT
@@ -134,10 +146,12 @@ def described(operator: Operator) -> list[Any]:
 class SlowLine(Line):
     """q1 takes long to open a path."""
 
-    def build(self, switches: int = 1, fibers: int = 1, **line: Any) -> None:
+    def build(
+        self, switches: int = 1, fibers: int = 1, switching_s: float = SWITCHING_S, **line: Any
+    ) -> None:
         """Lay it."""
         super().build(switches, fibers, **line)
-        self.setNodeInfo("q1", {**self.nodeInfo("q1"), "switching_time_s": SWITCHING_S})
+        self.setNodeInfo("q1", {**self.nodeInfo("q1"), "switching_time_s": switching_s})
 
 
 def test_a_barrier_is_answered_when_inner_paths_pass_and_outcomes_are_counted(
@@ -154,6 +168,51 @@ def test_a_barrier_is_answered_when_inner_paths_pass_and_outcomes_are_counted(
         accepted(operator, packet_out(SOURCE, EMISSION.encode()))
         wait_until(lambda: operator.analysers()[0].pulses, "all have met")
         assert operator.analysers() == [AnalyserCounts(ANALYSER, PAIRS, phi_plus=PAIRS)]
+
+
+def test_an_agent_that_starts_again_finds_ports_entries_counts_and_light_as_they_were(
+    tmp_path: Path,
+) -> None:
+    """One half waits in a memory, the other at the analyser; an entry has them meet afterwards."""
+    line = partial(SlowLine, switching_s=SWITCHING_S / SLOWER)
+    with nothing_left(), running(line, tmp_path, time_scale=SLOWER) as network:
+        with Operator("q1") as operator:
+            accepted(operator, cut_off(operator, 3_000_000_000))
+            for half, port in enumerate((ANALYSER, ANALYSER + 1)):
+                accepted(operator, light(SOURCE + half, port, cookie=7))
+            accepted(operator, packet_out(SOURCE, EMISSION.encode()))
+            wait_until(lambda: operator.analysers()[0].pulses, "all have met")
+            accepted(operator, light(SOURCE, MEMORY, cookie=8, priority=0xFFFF))
+            accepted(operator, packet_out(SOURCE, replace(EMISSION, number=2).encode()))
+            wait_until(lambda: counts(operator).held, "the next are stored")
+            before = seen(operator)
+        with restarted_agent(network, "q1"):
+            pass
+        with Operator("q1") as operator:
+            assert seen(operator) == before
+            began_s = time.monotonic()
+            accepted(operator, light(MEMORY, ANALYSER))
+            assert time.monotonic() - began_s >= SWITCHING_S
+            wait_until(lambda: operator.analysers()[0].pulses > PAIRS, "these have met, too")
+            met = AnalyserCounts(ANALYSER, 2 * PAIRS, phi_plus=2 * PAIRS)
+            assert operator.analysers() == [met]
+            assert counts(operator) == MemoryCounts(MEMORY, 0, 0, PAIRS, PAIRS, 0, 0)
+        require_nothing_left(network)
+
+
+def seen(operator: Operator) -> list[Any]:
+    """Return what a controller sees of inner ports: entries, descriptions and all counts."""
+    ports = {each.port_no: each.to_jsondict() for each in described(operator)}
+    operator.send(parser.OFPPortStatsRequest(DATAPATH, 0, ofp.OFPP_ANY), 902)
+    sent = {each.port_no: each.tx_packets for each in operator.answer(902).body}
+    stood = [
+        (each.match["in_port"], each.priority, each.cookie, each.packet_count, each.instructions)
+        for each in entries(operator)
+        if each.match.get("in_port") in ports and each.match["in_port"] in INNER_PORTS
+    ]
+    held = [replace(each, oldest_ns=0) for each in operator.memories()]
+    inner = [(port, ports[port], sent[port]) for port in sorted(ports) if port in INNER_PORTS]
+    return [operator.analysers(), held, inner, sorted(map(str, stood))]
 
 
 def test_inner_ports_that_are_set_down_or_fail_are_announced(tmp_path: Path) -> None:

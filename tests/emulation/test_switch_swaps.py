@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from agent_scene import Operator
 from conftest import ROOT, nothing_left, wait_until
-from fabric_scene import Line, running, served
+from fabric_scene import Line, restarted_agent, running, served
 from limits import SOON_S
 from loaded import run_qmn
 
@@ -39,6 +39,8 @@ QUISP = json.loads((ROOT / "labs" / "quisp" / "figures.json").read_text())
 NOISY_SWAP = "swap-F-0.9-gate-0.96-readout-0.98"
 FIDELITY = 0.92  # of each source, of Werner pairs
 VISIBILITY = 0.9
+# Of blocks whose heralds or outcomes came while no agent was there.
+UNHEARD = "released it from the memory|no outcomes of|frames of others were lost"
 
 
 class SwapTopo(SdcTopo):
@@ -380,7 +382,9 @@ def require_waits_of_switches(log: Path, asked: dict[str, Any]) -> None:
         assert abs(waited_ms - 1e3 * mean_s) < 0.02 * waited_ms
 
 
-def test_a_failed_analyser_and_a_killed_controller_end_sessions_by_name(tmp_path: Path) -> None:
+def test_failed_analysers_restarted_agents_and_killed_controllers_end_sessions_by_name(
+    tmp_path: Path,
+) -> None:
     with nothing_left(), running(lambda: Line(2), tmp_path) as network:
         assert swapped(network, count=100, swaps=2)["pairs"] == 100
         config = dispatcher_of_running_network()
@@ -389,6 +393,9 @@ def test_a_failed_analyser_and_a_killed_controller_end_sessions_by_name(tmp_path
         wait_until(lambda: "1 of 2 switches" in refusal(network), "c0 knows it", 10)
         inject(config, "q2", Repair())
         wait_until(lambda: not refusal(network), "c0 knows that, too", 10)
+        with ended(network, UNHEARD), restarted_agent(network, "q1"):
+            pass
+        wait_until(lambda: not refusal(network), "c0 has q1 again", 10)
         with ended(network, "no outcomes of"):
             network.net.controllers[0].program.kill()
 

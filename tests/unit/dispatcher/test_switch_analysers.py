@@ -12,7 +12,12 @@ import uvloop
 from dispatcher_network import Bench, JumpingClock, block, configuration, running
 from limits import SOON_S
 
-from wire.dispatcher_pb2 import BellOutcomes, MeasureRequest, WatchSwitchRequest
+from wire.dispatcher_pb2 import (
+    BellOutcomes,
+    MeasureRequest,
+    SwitchStatisticsReply,
+    WatchSwitchRequest,
+)
 from wire.parameters.physics import BadParameter, BellAnalyser, Detectors, Device, PairSource
 from wire.parameters.switch import QuantumSwitch
 
@@ -137,6 +142,16 @@ def test_all_four_outcomes_are_equally_frequent(tmp_path: Path) -> None:
         await scene.emit_both()
         counts = np.bincount(np.frombuffer((await scene.report()).outcomes, np.uint8), minlength=4)
         assert counts.sum() == PAIRS
+        (counted,) = (await scene.bench.switch.statistics()).analysers
+        phi_plus, psi_plus, phi_minus, psi_minus = map(int, counts)
+        assert counted == SwitchStatisticsReply.Analyser(
+            port=FIRST,
+            pulses=PAIRS,
+            phi_plus=phi_plus,
+            psi_plus=psi_plus,
+            phi_minus=phi_minus,
+            psi_minus=psi_minus,
+        )
         assert (abs(counts - PAIRS / 4) < 5 * np.sqrt(PAIRS * 3 / 16)).all()
 
     play(tmp_path, act)
@@ -172,6 +187,8 @@ def test_light_without_a_partner_ends_by_name_and_is_gone(tmp_path: Path) -> Non
         scene.clock.over.set()
         report = await scene.report()
         assert (report.end, report.photons) == (BellOutcomes.NO_PARTNER, PAIRS)
+        (counted,) = (await scene.bench.switch.statistics()).analysers
+        assert counted == SwitchStatisticsReply.Analyser(port=FIRST, no_partner=1)
 
     play(tmp_path, act)
 

@@ -1,4 +1,4 @@
-"""Outcomes of a switch's analysers: counted, and sent by the entries of their port."""
+"""Outcomes of a switch's analysers are sent by the entries of their port; counts are read."""
 
 from dataclasses import replace
 from typing import Any
@@ -9,6 +9,7 @@ from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
 from proxy_scene import CONDITION, play, stage
 
+from qswitch_agent.hardware.optics import Readings
 from qswitch_agent.inner_ports import InnerPorts
 from qswitch_agent.middleware.flow_table import FlowTable
 from qswitch_agent.openflow import messages, packets
@@ -48,17 +49,13 @@ def test_the_bridge_gets_it_as_a_packet_of_that_port_for_its_table() -> None:
 def test_counts_are_told_to_who_asks_for_them() -> None:
     async def scene() -> None:
         async with stage() as now:
-            now.switch.inner_ports = InnerPorts(inner_ports(2), lambda _port, _frame: None)
-            now.switch.inner_ports.report(REPORT)
-            now.switch.inner_ports.report(AnalyserFrame(60_001, 1, End.CLOSED, 9))
+            counts = [AnalyserCounts(60_001, closed=1), AnalyserCounts(60_003, 6, 1, 1, 1, 1, 2)]
+            now.optics.readings = Readings(analysers=counts)
             body = messages.EXPERIMENT.pack(optical.EXPERIMENTER, optical.ANALYSER_COUNTS)
             now.controller.says(messages.request(ofp.OFPMP_EXPERIMENTER, 4, body))
             answer = of.decoded(await now.controller.next())
             assert answer.body.exp_type == optical.ANALYSER_COUNTS
-            assert decode_counts(bytes(answer.body.data), AnalyserCounts) == [
-                AnalyserCounts(60_001, closed=1),
-                AnalyserCounts(60_003, 6, 1, 1, 1, 1, none=2),
-            ]
+            assert decode_counts(bytes(answer.body.data), AnalyserCounts) == counts
 
     play(scene())
 

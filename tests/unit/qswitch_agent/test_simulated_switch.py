@@ -35,6 +35,7 @@ from qswitch_agent.hardware.optics import (
 from qswitch_agent.hardware.optics import Path as LightPath
 from qswitch_agent.hardware.simulated import SimulatedSwitch
 from wire import dispatcher_service
+from wire.analyser_frames import AnalyserCounts
 from wire.config import DispatcherConfig, Fiber, FiberEnd, PathOptics, QuantumSwitch
 from wire.dispatcher_pb2 import (
     BlockId,
@@ -410,3 +411,10 @@ def test_light_that_has_just_come_into_a_memory_is_not_none(oldest_ns: int, age_
     memory = SwitchStatisticsReply.Memory(port=61_001, oldest_ns=oldest_ns)
     (counts,) = hardware._readings(SwitchStatisticsReply(memories=[memory]), 500).memories
     assert counts.oldest_ns == age_ns
+
+
+def test_counts_of_analysers_are_read_field_by_field() -> None:
+    counts = AnalyserCounts(*range(60_001, 60_013))
+    analyser = SwitchStatisticsReply.Analyser(**vars(counts))
+    reply = SwitchStatisticsReply(analysers=[analyser])
+    assert hardware._readings(reply, 500).analysers == [counts]

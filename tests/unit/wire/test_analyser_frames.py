@@ -116,7 +116,8 @@ def test_counts_add_up_and_are_read_as_written() -> None:
     ends = [AnalyserFrame(60_001, 8, end, 2) for end in (End.UNFIT, End.FAILED, End.WAITS)]
     many = replace(HERALDED, waited_us=1 << 40)
     for report in (FRAME, ALONE, *ends, HERALDED, many, NOTHING):
-        counts.add(report)
+        attempts = report.waited_us if report.end == End.HERALDED else 0
+        counts.add(report.end, report.outcomes, attempts)
     assert decode_counts(counts.encode(), AnalyserCounts) == [
         AnalyserCounts(60_001, 9, 1, 3, 1, 3, 1, 1, 0, 1, failed=1, attempts=198 + (1 << 40))
     ]
