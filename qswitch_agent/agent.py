@@ -1,7 +1,10 @@
 """One quantum switch's agent: its three layers put together, from start to end."""
 
 import asyncio
+from collections.abc import Callable, Coroutine
 from contextlib import AbstractAsyncContextManager, nullcontext
+from functools import partial
+from typing import Any
 
 from qswitch_agent.bridge import Commands, Monitor, SupervisoryChannels
 from qswitch_agent.hardware.optics import OpticalHardware
@@ -60,12 +63,13 @@ class Agent:
             self._monitor.run(),
             self._commands.run(),
             self._hardware.watch(self._switch.condition_changed),
-            self._paths.run(),
+            self._synchronised(self._paths.run),
             self._paths.expire(self._commands.delete),
             self._start(),
         ]
         if self._paths.table.inner:
-            layers.append(self._hardware.watch_analysers(self._inner.report))
+            watch = partial(self._hardware.watch_analysers, self._inner.report)
+            layers.append(self._synchronised(watch))
         try:
             async with telemetry, asyncio.TaskGroup() as group:
                 tasks = [group.create_task(layer) for layer in layers]
@@ -85,6 +89,11 @@ class Agent:
         serving = load(only("--gnmi", TELEMETRY))
         server: AbstractAsyncContextManager[None] = serving(self._config, self._switch)
         return server
+
+    async def _synchronised(self, layer: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        """Run a layer that knows entries and ports: what stands in the bridge goes on."""
+        await self._monitor.synchronise()
+        await layer()
 
     async def _start(self) -> None:
         """Make the cross-connects of the table as it is, then let the bridge connect."""

@@ -104,7 +104,7 @@ class Dispatcher:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.asked = 0
+        self.asked = self.watched = 0
         self.sets: list[list[tuple[int, int]]] = []
         self.tokens: set[Any] = set()
         self.failure: grpc.StatusCode | None = None
@@ -172,6 +172,7 @@ class Dispatcher:
         return self.readings
 
     def _watch(self, _request: Any, context: Any) -> Iterator[pb.SwitchCondition]:
+        self.watched += 1
         yield self.condition
         while context.is_active() and not self.ended.is_set():
             try:

@@ -1,5 +1,8 @@
 """The agent's light paths over a real bridge: in time, restored, refused, cut."""
 
+import os
+import signal
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import grpc
@@ -22,6 +25,7 @@ from agent_scene import (
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
 
+from topologies.system.open_vswitch import openvswitch
 from wire import dispatcher_pb2 as pb
 
 pytestmark = needs_open_vswitch
@@ -88,6 +92,24 @@ def test_restarted_agent_restores_the_paths(own_switch: Switch) -> None:
     own_switch.start_agent()
     own_switch.connects((1, 2))
     own_switch.controller.accept()
+
+
+def test_no_path_is_dark_while_an_agent_that_starts_again_waits_for_the_entries(
+    own_switch: Switch,
+) -> None:
+    dispatcher, daemon = own_switch.dispatcher, openvswitch.switch_daemon_pid()
+    own_switch.controller.add_paths(10, (1, 2))
+    own_switch.controller.answer(11)
+    assert own_switch.end_agent() == 0
+    with ThreadPoolExecutor(1) as threads:
+        os.kill(daemon, signal.SIGSTOP)
+        try:
+            starting = threads.submit(own_switch.start_agent)
+            wait_until(lambda: dispatcher.watched == 2, "the agent is here, the bridge silent")
+        finally:
+            os.kill(daemon, signal.SIGCONT)
+        starting.result()
+    assert dispatcher.sets == [[], [(1, 2)], [(1, 2)]]
 
 
 def test_paths_survive_the_controller(own_switch: Switch) -> None:
