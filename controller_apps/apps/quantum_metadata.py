@@ -93,6 +93,7 @@ class EventInstantOver(Event):
 
 class QuantumMetadata(App):
     OFP_VERSIONS = (ofproto.OFP_VERSION,)
+    _kept_hosts: object = None
 
     def __init__(
         self,
@@ -114,8 +115,7 @@ class QuantumMetadata(App):
         self.arbiter = _arbiter(self.network, config)
         sessions = self.arbiter.sessions
         trunks = config.trunks if config.metadata_at_switch != OFF else []
-        timeout_s = _bypass_timeout_s(config)
-        self.switches = Switches(frozenset(names), mac_table, timeout_s, trunks)
+        self.switches = Switches(frozenset(names), mac_table, _bypass_timeout_s(config), trunks)
         self.journal = Journal(
             record, self.network, sessions, self.logger, lambda: time.monotonic(), config.time
         )
@@ -131,12 +131,10 @@ class QuantumMetadata(App):
         for number in take_over(state, self.arbiter, self.logger, self._now()):
             self._note(Note("resumed", number))
             self.monitors.granted(sessions.by_number.get(number))
-        self._instants = Instants(config.time, self._end_instant)
-        self._kept_hosts: object = None
+        self._instants = Instants(
+            config.time, lambda: self.send_event(self.name, EventInstantOver())
+        )
         self._keep_hosts()
-
-    def _end_instant(self) -> None:
-        self.send_event(self.name, EventInstantOver())
 
     def start(self) -> Any:
         """Begin to handle events; called by the framework."""
