@@ -112,8 +112,8 @@ class Processor:
 
         Channels tell what several programs of two hosts share.
         """
-        words = ((0, KEEP), (1, count))
-        return self._pairs(host, count, channel, "create_epr", words)
+        request = ((0, KEEP), (1, count))
+        return self._pairs(host, count, channel, "create_epr", request)
 
     def receive_pairs(self, host: str, count: int = 1, channel: int = 0) -> list[Qubit]:
         """Return this host's halves of pairs Phi+ that a program of another host creates."""

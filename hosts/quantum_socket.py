@@ -74,8 +74,8 @@ class QuantumSocket(ServiceSocket):
         History: begin with what is remembered. Follow: go on with what happens, until StackEnded
         is raised because the network ends.
         """
-        words = {"session": session, "history": history, "follow": follow}
-        self._send(encode_fields(Call.WATCH, **words))
+        request = {"session": session, "history": history, "follow": follow}
+        self._send(encode_fields(Call.WATCH, **request))
         self._done()
         while True:
             call, payload = self._read()

@@ -43,8 +43,8 @@ class ServiceSocket(StackSocket):
         Raise QuantumSocketError with the reason if it cannot be had.
         """
         host, port = address
-        words = {"service": service, "host": host, "port": port}
-        self._send(encode_fields(Call.REQUEST, **words, **options))
+        fields = {"service": service, "host": host, "port": port}
+        self._send(encode_fields(Call.REQUEST, **fields, **options))
         self._asked = True
         return self.results()
 

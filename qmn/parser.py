@@ -193,10 +193,10 @@ def name_of(action: argparse.Action) -> str:
 
 def add_kinds(parser: Parser, metavar: str, kinds: Kinds, required: bool = False) -> None:
     """Add the kinds of a verb, as WHAT of `qmn set WHAT`: each is loaded when it is typed."""
-    words = parser.add_subparsers(metavar=metavar, required=required)
+    subparsers = parser.add_subparsers(metavar=metavar, required=required)
     for word, (text, function) in kinds.items():
         # Some show help of their own.
-        kind = words.add_parser(word, help=text, description=text, conflict_handler="resolve")
+        kind = subparsers.add_parser(word, help=text, description=text, conflict_handler="resolve")
         kind.put_off(partial(_describe, kind, function))
 
 

@@ -42,9 +42,9 @@ def guard_standard_streams() -> None:
     """Let standard output and error of this process, as they are now, be PrintableOutputs."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
-        words = {"encoding": stream.encoding, "errors": "backslashreplace"}
+        settings = {"encoding": stream.encoding, "errors": "backslashreplace"}
         buffered = {each: getattr(stream, each) for each in ("line_buffering", "write_through")}
-        setattr(sys, name, PrintableOutput(stream.detach(), **words, **buffered))
+        setattr(sys, name, PrintableOutput(stream.detach(), **settings, **buffered))
 
 
 def console_of_output() -> "Console":

@@ -73,8 +73,8 @@ def class_described(name: str, kind: type) -> Iterator[str]:
 
 def of_field(kind: type, field: Any) -> str:
     """Return what a field means: the help of an option, its comment, or that of its name."""
-    words = field.metadata.get("help") or meaning(kind, field.name, API)
-    return str(words or by_name(field.name, RESULTS))
+    text = field.metadata.get("help") or meaning(kind, field.name, API)
+    return str(text or by_name(field.name, RESULTS))
 
 
 def methods(kind: type) -> list[tuple[str, Any]]:

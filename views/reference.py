@@ -88,8 +88,8 @@ def row_of(action: argparse.Action) -> Row:
     if not limits and name and action.dest in OF_FIBERS:
         limits = declared_range(OF_FIBERS[action.dest])
     default = default_text(action)
-    words = f"`{' '.join(filter(None, (name, value)))}`"
-    return words, unit_of(action.dest, str(action.metavar)), default, limits, str(action.help or "")
+    cell = f"`{' '.join(filter(None, (name, value)))}`"
+    return cell, unit_of(action.dest, str(action.metavar)), default, limits, str(action.help or "")
 
 
 def default_text(action: argparse.Action) -> str:

@@ -107,8 +107,8 @@ def count(circuit: Circuit, batches: Iterable[Bytes]) -> list[tuple[str, int]]:
 
 def _text(circuit: Circuit, packed: bytes) -> str:
     bits = np.unpackbits(np.frombuffer(packed, dtype=np.uint8), count=circuit.bits)
-    words = []
+    values_of_registers = []
     for register in circuit.registers:
         values = bits[register.first : register.first + register.size]
-        words.append("".join(map(str, values[::-1].tolist())))
-    return " ".join(words)
+        values_of_registers.append("".join(map(str, values[::-1].tolist())))
+    return " ".join(values_of_registers)

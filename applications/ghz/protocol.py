@@ -67,10 +67,10 @@ class Follower(line.Follower):
     def use(self, number: int, states: int) -> Steps[None]:
         """Measure, have those behind measure, and tell what all have found."""
         shape = 1 + self.behind, states
-        words = yield from hear(
+        numbers = yield from hear(
             Topic.BASES, number, shape[0] * states, len(BASES) - 1, BITS_TIMEOUT_S
         )
-        bases = words.astype(np.uint8).reshape(shape)
+        bases = numbers.astype(np.uint8).reshape(shape)
         outcomes = yield from self.outcomes(number, bases[0])
         others = []
         if self.right is not None:

@@ -201,8 +201,8 @@ async def kept(keyring: Keyring, peer: str, number: int, key: Bits, *, opened: b
 
 async def give_up(end: End, keys: KeysUnderWay, progress: Progress, error: SessionError) -> None:
     """Tell the other end that keys will not be made, and the application what was measured."""
-    for words in keys.give_up(str(error)):
-        end.channel.send(*words.messages)
+    for last in keys.give_up(str(error)):
+        end.channel.send(*last.messages)
     figures = summary(progress, keys.ends, now_s())
     if figures.qber is not None or figures.chsh_pairs:
         with suppress(SessionError, ConnectionError):  # it may be gone

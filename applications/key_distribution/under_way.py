@@ -64,9 +64,9 @@ def failure_of(keys: Alice | Bob, peer: str) -> SessionError | None:
     failure = keys.failure
     if failure is None:
         return None
-    words = f"{peer} has ended it: " if failure.by_peer else ""
+    prefix = f"{peer} has ended it: " if failure.by_peer else ""
     reason = REASONS.get(failure.reason, Reason.PROTOCOL)
-    return SessionError(reason, f"no key: {words}{failure.text}")
+    return SessionError(reason, f"no key: {prefix}{failure.text}")
 
 
 MAX_UNDER_WAY = 4  # one is sifted, the errors of others are corrected

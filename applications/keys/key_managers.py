@@ -176,10 +176,10 @@ def tell_shell(node: QuantumHost, managers: KeyManagers, host: str) -> None:
         shutil.copy(file, shown)
     node.network.share(host, *(shown for _given, shown in copies))
     certificate = in_folder(folder, application_name(host))
-    words = {
+    variables = {
         "KME": managers.urls[host],
         "SAE_CERT": certificate.certificate,
         "SAE_KEY": certificate.private_key,
         "KME_CA": authority,
     }
-    node.cmd("export " + " ".join(f'{name}="{value}"' for name, value in words.items()))
+    node.cmd("export " + " ".join(f'{name}="{value}"' for name, value in variables.items()))

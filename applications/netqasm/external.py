@@ -41,8 +41,8 @@ def installed(
     sockets = {"placement": placement, "exchanges": exchanges}
     module.Socket = socket_type = type("Socket", (Socket,), sockets)  # type: ignore[attr-defined]
     ends = {role: _end(role, placement, socket_type) for role in placement.stacks}
-    words = {"placement": placement, "ends": ends}
-    module.NetQASMConnection = type("NetQASMConnection", (Connection,), words)  # type: ignore[attr-defined]
+    members = {"placement": placement, "ends": ends}
+    module.NetQASMConnection = type("NetQASMConnection", (Connection,), members)  # type: ignore[attr-defined]
     channel = type("BroadcastChannel", (BroadcastChannel,), {"_socket_class": socket_type})
     module.BroadcastChannel = channel  # type: ignore[attr-defined]
     module.get_qubit_state = get_qubit_state  # type: ignore[attr-defined]

@@ -63,9 +63,9 @@ def located(role: str, folder: Path, number: int | None = None) -> Iterator[None
     except Exception as error:
         frames = traceback.extract_tb(error.__traceback__)
         of_program = [frame for frame in frames if Path(frame.filename).is_relative_to(folder)]
-        words = [role] if number is None else [role, f"round {number + 1}"]
-        words += [f"{Path(each.filename).name}, line {each.lineno}" for each in of_program[-1:]]
-        place = ", ".join(words)
+        parts = [role] if number is None else [role, f"round {number + 1}"]
+        parts += [f"{Path(each.filename).name}, line {each.lineno}" for each in of_program[-1:]]
+        place = ", ".join(parts)
         if isinstance(error, QuantumSocketError):
             raise QuantumSocketError(f"{place}: {error}", error.reason) from error
         raise ProgramError(f"{place}: {type(error).__name__}: {error}") from error

@@ -88,10 +88,10 @@ class Keyring:
                 f"the authentication key of session {session:016x} of {opener} was used before: "
                 "is this a replay?"
             )
-        words = f"{opener}/{acceptor}/{session:016x}"
+        label = f"{opener}/{acceptor}/{session:016x}"
         seed = bytes.fromhex(self._secrets[other])
         size = pool_bytes(MESSAGES)
-        material = hashlib.shake_256(seed + words.encode()).digest(2 * size)
+        material = hashlib.shake_256(seed + label.encode()).digest(2 * size)
         return KeyPool(material[:size]), KeyPool(material[size:])
 
     def store(self, other: str) -> KeyStore:

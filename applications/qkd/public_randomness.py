@@ -63,8 +63,8 @@ def subset(seed: bytes, purpose: str, size: int, count: int) -> Mask:
         return ~subset(seed, purpose, size, size - count)
     stream, chosen, missing = _Stream(seed, purpose), np.zeros(size, dtype=np.bool_), count
     while missing:  # draw more, some of which may be repetitions
-        words = np.frombuffer(stream.bytes(4 * missing), dtype="<u4")
-        chosen[words[words < 2**32 // size * size] % size] = True
+        draws = np.frombuffer(stream.bytes(4 * missing), dtype="<u4")
+        chosen[draws[draws < 2**32 // size * size] % size] = True
         missing = count - int(np.count_nonzero(chosen))
     return chosen
 
@@ -85,5 +85,5 @@ class _Stream:
 
 def permutation(seed: bytes, purpose: str, size: int) -> Indices:
     """Return a permutation of range(size), uniform for a uniform seed, one for each purpose."""
-    words = _Stream(seed, purpose).bytes(8 * size)
-    return np.argsort(np.frombuffer(words, dtype="<u8"), kind="stable").astype(np.int64)
+    draws = _Stream(seed, purpose).bytes(8 * size)
+    return np.argsort(np.frombuffer(draws, dtype="<u8"), kind="stable").astype(np.int64)

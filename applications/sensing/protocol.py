@@ -171,8 +171,8 @@ class Follower(line.Follower):
 
     def use(self, number: int, states: int) -> Steps[None]:
         """Let a block of states take all phases behind, and this one, and measure it."""
-        words = yield from hear(Topic.ANGLES, number, 1 + self.behind, MAX_WORD, BITS_TIMEOUT_S)
-        steps, *behind = words.tolist()
+        numbers = yield from hear(Topic.ANGLES, number, 1 + self.behind, MAX_WORD, BITS_TIMEOUT_S)
+        steps, *behind = numbers.tolist()
         others = list[Table]()
         if self.right is not None:
             shape = self.behind, states

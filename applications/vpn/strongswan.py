@@ -102,9 +102,9 @@ class StrongSwan:
 
     def _end(self, name: str) -> None:
         """End its associations, where there are any; the other end may be ending them, too."""
-        words = {"ike": name, "force": "yes", "timeout": AT_ONCE}
+        options = {"ike": name, "force": "yes", "timeout": AT_ONCE}
         try:
-            self._ask("terminate", words)
+            self._ask("terminate", options)
         except TunnelError:
             if self._associations(name):
                 raise

@@ -43,8 +43,8 @@ class WireGuard:
             reached += ["persistent-keepalive", str(KEEPALIVE_S)]
         peer = ["peer", self.peer]
         added = ["preshared-key", "/dev/stdin", "allowed-ips", f"{self.inside}/32", *reached]
-        words = ["wg", "set", self.interface, *peer, "remove", *peer, *added]
-        command(words, base64.b64encode(key))
+        change = ["wg", "set", self.interface, *peer, "remove", *peer, *added]
+        command(change, base64.b64encode(key))
 
     def end_former(self) -> None:
         """Do nothing: `use` has ended it."""

@@ -54,8 +54,8 @@ def is_inner(port: Any) -> bool:
 
 def modes_of(port: Any) -> int | None:
     """Return how many qubits a memory in a quantum switch takes, None of another port."""
-    words = _part(port) or []
-    return int(words[MODES]) if len(words) > MODES and words[0] >> 16 == Kind.MEMORY else None
+    data = _part(port) or []
+    return int(data[MODES]) if len(data) > MODES and data[0] >> 16 == Kind.MEMORY else None
 
 
 def _part(port: Any) -> list[int] | None:

@@ -40,8 +40,8 @@ def blind_rst(network: Network, sessions: int) -> int:
 
 def reset(network: Network, port: int) -> None:
     attacker, victim, posed = (network.host(name) for name in (ATTACKER, VICTIM, POSED))
-    words = [str(attacker.defaultIntf()), str(GUESSES), victim.MAC(), posed.IP(), victim.IP()]
-    run_frames(network, "resets", *words, str(port), count=GUESSES)
+    arguments = [str(attacker.defaultIntf()), str(GUESSES), victim.MAC(), posed.IP(), victim.IP()]
+    run_frames(network, "resets", *arguments, str(port), count=GUESSES)
 
 
 def ended(network: Network) -> set[str]:
@@ -60,8 +60,8 @@ def session(network: Network) -> Iterator[None]:
 
 
 def opener_port(network: Network) -> int:
-    words = f"ss -Htn state established dst {network.host(VICTIM).IP()} dport = :{METADATA_PORT}"
-    output = network.host(POSED).cmd(words)
+    command = f"ss -Htn state established dst {network.host(VICTIM).IP()} dport = :{METADATA_PORT}"
+    output = network.host(POSED).cmd(command)
     match = re.search(r"\d:(\d+)\s", output)
     if match is None:
         raise NetworkError(f"{POSED} has no connection to {VICTIM}: {output.strip()}")
@@ -71,8 +71,8 @@ def opener_port(network: Network) -> int:
 def lldp_spoofing(network: Network, announcements: int) -> int:
     """Announce fibres as bob's on charlie's; return how many of them the controller believes."""
     before, victim = lies(network), network.host(VICTIM)
-    words = [fiber_of(network), str(announcements), VICTIM, victim.IP()]
-    run_frames(network, "announcements", *words, count=announcements)
+    arguments = [fiber_of(network), str(announcements), VICTIM, victim.IP()]
+    run_frames(network, "announcements", *arguments, count=announcements)
     return settled(network, lambda: lies(network)) - before
 
 

@@ -30,8 +30,8 @@ DECIDED = ("granted", "refused", "forbidden")
 def arp_spoofing(network: Network, pings: int) -> int:
     """Tell bob that alice is at charlie; return how many of bob's pings to alice charlie gets."""
     attacker, victim, posed = (network.host(name) for name in (ATTACKER, VICTIM, POSED))
-    words = ["poison", str(attacker.defaultIntf()), victim.IP(), victim.MAC(), posed.IP()]
-    with attacker.popen([*FRAMES, *words], text=True) as liar:
+    arguments = ["poison", str(attacker.defaultIntf()), victim.IP(), victim.MAC(), posed.IP()]
+    with attacker.popen([*FRAMES, *arguments], text=True) as liar:
         try:
             wait_for_line(network, liar, "sent")
             # There is something to be changed then, and alice asks for bob only 5 s later: what he

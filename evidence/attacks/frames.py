@@ -197,11 +197,11 @@ def main() -> None:
     parser.add_argument("what", choices=[*ONCE, *COUNTED])
     parser.add_argument("words", nargs="+")
     arguments = parser.parse_args()
-    interface, *words = arguments.words
+    interface, *numbers = arguments.words
     if arguments.what in ONCE:
-        count = ONCE[arguments.what](interface, *words)
+        count = ONCE[arguments.what](interface, *numbers)
     else:
-        count = COUNTED[arguments.what](interface, int(words[0]), *words[1:])
+        count = COUNTED[arguments.what](interface, int(numbers[0]), *numbers[1:])
     print(f"count={count}", flush=True)
 
 

@@ -19,9 +19,9 @@ SWITCH = "q1"
 
 def impostor_switch(network: Network, switches: int) -> int:
     """Connect to c0 as switches that there are not; return how many of them it programs."""
-    words = [*where(network), str(switches)]
+    arguments_ = [*where(network), str(switches)]
     done = subprocess.run(
-        [*SPEAKERS, "switch", *words],
+        [*SPEAKERS, "switch", *arguments_],
         capture_output=True,
         text=True,
         check=False,

@@ -56,8 +56,8 @@ class Networks:
                 self._running.add(process)
             assert process.stdin is not None
             assert process.stdout is not None
-            with process.stdin as words:
-                json.dump(request, words)
+            with process.stdin as stream:
+                json.dump(request, stream)
             with process.stdout as lines:
                 yield from map(json.loads, lines)
             process.wait()

@@ -76,8 +76,8 @@ class Experiment:
     def place(self, values: Values) -> str:
         """Name a point by the parameters that are not at their defaults."""
         changed = (each.name for each in self.parameters if values[each.name] != each.default)
-        words = ", ".join(f"{name} {values[name]}" for name in changed)
-        return f"{self.name} at {words or 'its defaults'}"
+        settings = ", ".join(f"{name} {values[name]}" for name in changed)
+        return f"{self.name} at {settings or 'its defaults'}"
 
 
 def number(values: Values, name: str) -> float:

@@ -58,12 +58,12 @@ def describe(parser: Parser) -> None:
 
 def sizes(text: str) -> tuple[int, ...]:
     """Return sizes of networks; raise ArgumentTypeError for anything else."""
-    words = text.split(",")
-    if not all(word.isdecimal() and LEAST_HOSTS <= int(word) <= MOST_HOSTS for word in words):
+    numbers = text.split(",")
+    if not all(word.isdecimal() and LEAST_HOSTS <= int(word) <= MOST_HOSTS for word in numbers):
         raise argparse.ArgumentTypeError(
             f"{text!r}: numbers of hosts are {LEAST_HOSTS} to {MOST_HOSTS}, as 4,16,64"
         )
-    return tuple(map(int, words))
+    return tuple(map(int, numbers))
 
 
 def call(arguments: argparse.Namespace) -> int:

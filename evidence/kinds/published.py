@@ -199,11 +199,11 @@ def all_runs(
     begins, ended = tell
     runs: dict[str, Run] = {}
     with runs_done.opened(folder, lab, seed) as done:
-        for run, words in lab.runs.items():
+        for run, command in lab.runs.items():
             before = done.get(run)
             if before is None:
                 begins(f"{name}: {run}")
-                before = carry_out(run, words, seed, folder, check)
+                before = carry_out(run, command, seed, folder, check)
                 done.add(run, before)
                 ended()
             runs[run] = before

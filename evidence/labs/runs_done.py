@@ -26,8 +26,8 @@ class RunsDone:
             if len(line) != len(COLUMNS):
                 text = f"{len(line)} columns instead of {len(COLUMNS)}"
                 raise file.wrong(number, ValueError(text))
-            run, seeded, words, folder = line
-            if (seeded, words) == (str(seed), lab.runs.get(run)):
+            run, seeded, command, folder = line
+            if (seeded, command) == (str(seed), lab.runs.get(run)):
                 self._known[run] = file.path.parent / folder
 
     @property

@@ -53,9 +53,9 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
         heard = network.run_on("bob", HEAR, [*program, "hear"])
         heard.wait_for("ready", EMULATED_READY_S, network.check)
         if share:
-            words = ["say", network.host("bob").IP(), "--per-s", f"{share / frame_s}"]
-            words += ["--frame-bytes", f"{size:.0f}", "--seed", f"{seed}"]
-            network.run_on("alice", "datagrams.log", [*program, *words])
+            arguments = ["say", network.host("bob").IP(), "--per-s", f"{share / frame_s}"]
+            arguments += ["--frame-bytes", f"{size:.0f}", "--seed", f"{seed}"]
+            network.run_on("alice", "datagrams.log", [*program, *arguments])
             network.sleep(number(values, ALONE.name))
         alone = heard.log.read_text().splitlines()[1:]
         count = int(values[BLOCKS.name]) * BLOCK_STATES

@@ -71,8 +71,8 @@ def begin_requests(network: QuantumNetwork, requesters: int) -> None:
     names = [f"h{FIRST_REQUESTER + place}" for place in range(requesters + 1)]
     addresses = network.runtime.addresses
     for one, other in pairwise(names):
-        words = [python(), "-m", PROGRAM, addresses[other], addresses[one]]
-        program = network.run_on(one, f"requests.{one}", words)
+        command = [python(), "-m", PROGRAM, addresses[other], addresses[one]]
+        program = network.run_on(one, f"requests.{one}", command)
         program.wait_for("ready", EMULATED_READY_S, network.check)
 
 
@@ -138,12 +138,12 @@ def waits_of(lines: Iterable[str]) -> dict[str, list[list[float]]]:
     passed: defaultdict[tuple[str, str], float] = defaultdict(float)
     by_node: defaultdict[tuple[str, str], list[float]] = defaultdict(list)
     for line in lines:
-        words = line.split()
-        if len(words) < 4 or words[2] not in ("wait", "recall"):
+        columns = line.split()
+        if len(columns) < 4 or columns[2] not in ("wait", "recall"):
             continue
         times = [float(each) for each in WAITED_S.findall(line)]
-        key = words[3].removeprefix("session="), words[1]
-        if words[2] == "wait":
+        key = columns[3].removeprefix("session="), columns[1]
+        if columns[2] == "wait":
             passed[key] += sum(times) / len(times)
         else:
             by_node[key].append(passed[key] + sum(times) / len(times))

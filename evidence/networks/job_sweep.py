@@ -133,14 +133,14 @@ def parameter_of(job: str, name: str) -> Parameter:
     if option is None:
         listed = (f"those of `qmn run {job} --help`",)
         raise BadGrid(f"{job} has no option {name}: {remedy(name, options, listed)}")
-    words, kind = declared(option), kind_of(option.type)
+    declaration, kind = declared(option), kind_of(option.type)
     if kind is bool:
         return Parameter(name, "off", choices=tuple(SWITCHES))
-    if "choices" in words:
-        return Parameter(name, "", choices=tuple(words["choices"]))
+    if "choices" in declaration:
+        return Parameter(name, "", choices=tuple(declaration["choices"]))
     if kind not in (int, float):  # also lists of words, which spaces part
         return Parameter(name, "", text=TEXT)
-    return _number(name, kind, words.get("range"), unit_of(name, words.get("metavar")))
+    return _number(name, kind, declaration.get("range"), unit_of(name, declaration.get("metavar")))
 
 
 def _number(name: str, kind: Any, limits: tuple[float, float] | None, unit: str) -> Parameter:
@@ -199,10 +199,10 @@ def _parameter_of_part(axis: str) -> Parameter:
     check_names(f"{axis}: a device", [part], parts, BadGrid)
     known_fields = {field.name: field for field in fields(parts[part])}
     check_names(f"{axis}: {part}", [name], known_fields, BadGrid)
-    words = known_fields[name].metadata
-    if "choices" in words:
-        return Parameter(axis, "", choices=tuple(words["choices"]))
-    return _of_default(axis, getattr(parts[part], name), words.get("range"))
+    declaration = known_fields[name].metadata
+    if "choices" in declaration:
+        return Parameter(axis, "", choices=tuple(declaration["choices"]))
+    return _of_default(axis, getattr(parts[part], name), declaration.get("range"))
 
 
 def _of_default(name: str, default: object, limits: Any = None) -> Parameter:
@@ -216,18 +216,18 @@ def options_of(job: str, values: Values, seed: int) -> dict[str, Any]:
     options: dict[str, Any] = {"seed": seed}
     if job not in run_sweep.WHAT:
         options["time"] = STEPPED
-    words: dict[str, list[str]] = {}
+    by_option: dict[str, list[str]] = {}
     for name, value in values.items():
         if "." in name:
             setting = setting_of(name)
-            words.setdefault(setting.option, []).append(setting.word(value))
+            by_option.setdefault(setting.option, []).append(setting.word(value))
             if job == "swap" and setting.place == "*" and setting.name in SWITCH:
-                words.setdefault("switch", []).append(f"{setting.name}={value}")
+                by_option.setdefault("switch", []).append(f"{setting.name}={value}")
         elif name in OF_PARTS:
-            words.setdefault(name, []).extend(str(value).split())
+            by_option.setdefault(name, []).extend(str(value).split())
         else:
             options[name] = SWITCHES.get(str(value), value)
-    return {**options, **words}
+    return {**options, **by_option}
 
 
 def measure(job: str, points: Sequence[Values], seed: int, runs: Path) -> Iterator[Outcome]:

@@ -53,7 +53,7 @@ def _flags(kind: Any) -> Iterator[tuple[str, "Field[Any]"]]:
     for field in fields(kind):
         if isinstance(field.type, type) and is_dataclass(field.type):
             yield from _flags(field.type)
-        elif "help" in (words := declared(field)) and (flag := flag_of(field, words)):
+        elif "help" in (declaration := declared(field)) and (flag := flag_of(field, declaration)):
             yield flag.removeprefix("--").replace("-", "_"), field
 
 
@@ -89,11 +89,11 @@ def measures(job: str, axes: Axes) -> tuple[Measure, ...]:
 def measure(job: str, content: Mapping[str, Any], names: Sequence[str], runs: Path) -> Outcome:
     """Do the job with these options in a run of its own."""
     options = dict(content)
-    words = [str(options.pop(APPLICATION))] if job == NETQASM else []
+    arguments = [str(options.pop(APPLICATION))] if job == NETQASM else []
     if INPUT in options:
         options[INPUT] = str(options[INPUT]).split()
     folder = begin_folder(runs, job)
-    result = own_run.run(job, *words, folder=folder, without="report", **options)
+    result = own_run.run(job, *arguments, folder=folder, without="report", **options)
     return {name: _found(result, name) for name in names}
 
 

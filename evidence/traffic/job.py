@@ -239,8 +239,8 @@ def _drive(
 
 
 def _follow(driver: Driver, total: int, network: Network, console: Console) -> None:
-    words = "{task.fields[held]} under way, {task.fields[refused]} refused"
-    columns = TextColumn("sessions"), BarColumn(), MofNCompleteColumn(), TextColumn(words)
+    text = "{task.fields[held]} under way, {task.fields[refused]} refused"
+    columns = TextColumn("sessions"), BarColumn(), MofNCompleteColumn(), TextColumn(text)
     with Progress(*columns, TimeElapsedColumn(), console=console) as bar:
         task = bar.add_task("sessions", total=total, held=0, refused=0)
 

@@ -82,9 +82,9 @@ def row(name: str, what: str, times: float, theirs: Published) -> PublishedRow:
     rate, further_db = RATES[name], TOTAL_DB - 10 * log10(FAR / NEAR)
     point = {"mean_pairs": 2 * light(rate) / NEAR, "loss_db": -10 * log10(NEAR)}
     points = [("multi-pair", {**point, "further_db": further_db, "pairs": 20_000_000})]
-    words, inputs = f"{what}, {rate:g} pairs/s", unsure(rate) * times / 2
+    label, inputs = f"{what}, {rate:g} pairs/s", unsure(rate) * times / 2
     return PublishedRow(
-        "arXiv:2404.08626", words, theirs, lambda row: less(row["qber"], times), points, inputs
+        "arXiv:2404.08626", label, theirs, lambda row: less(row["qber"], times), points, inputs
     )
 
 
@@ -97,8 +97,8 @@ def findings(runs: Runs) -> Sequence[Finding]:
             ("lower", "at least", 2, LOWER.get(name)),
             ("upper", "at most", 1, UPPER.get(name)),
         ):
-            words, inputs = f"F {what}, {rate:g} pairs/s", error * times / 2
-            rows.append(Finding(chart, words, less(q, times), theirs, rate, inputs=inputs))
+            label, inputs = f"F {what}, {rate:g} pairs/s", error * times / 2
+            rows.append(Finding(chart, label, less(q, times), theirs, rate, inputs=inputs))
     rows.append(Finding("", f"F, {rate:g} pairs/s", less(q, 1.5), BEST, inputs=0.75 * error))
     for name, km in BERLIN.items():
         report, f = runs[name].job.asking, less(wrong(runs[name]), 1.5)

@@ -33,8 +33,8 @@ def command_for(km: int, program: str) -> str:
     """Return the words behind `qmn` for a link, with the station in the switch halfway."""
     modes = LINKS[km, program]
     before = f"emitter.preparation_s={mean_s(km, program)[0]:.9g}"
-    words = f"{PARTS} emitter.modes={modes} {before}".split()
-    parts = "".join(f" --device {host}.{word}" for host in ("alice", "bob") for word in words)
+    settings = f"{PARTS} emitter.modes={modes} {before}".split()
+    parts = "".join(f" --device {host}.{word}" for host in ("alice", "bob") for word in settings)
     return (RUN + parts).format(**GIVEN) + f" --length-km {km}"
 
 

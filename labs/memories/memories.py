@@ -48,8 +48,8 @@ def findings(runs: Runs) -> Sequence[Finding]:
         report, waits = run.job.asking, waited_s(run) / T_S
         error = (report.fidelity_high - report.fidelity_low) / 2 / CONFIDENCE_95
         theirs = Published(fidelity(kind, waits), 0.0, REFERENCE["program"])
-        words = f"F, {kind}, copper of {copper_km} km"
-        rows.append(Finding(kind, words, Estimate(report.fidelity, error), theirs, waits))
+        label = f"F, {kind}, copper of {copper_km} km"
+        rows.append(Finding(kind, label, Estimate(report.fidelity, error), theirs, waits))
     return rows
 
 

@@ -29,13 +29,13 @@ def command_for(figure: dict[str, Any]) -> str:
     settings = [f"source.fidelity={figure['source']:g}"]
     if waits is not None:
         settings.append(f"memory.depolarizing_s={figure['flights'] * FLIGHT_S / waits:.6g}")
-    words = f"run {JOBS[job]} {pairs} {ONE_BLOCK}"
+    command = f"run {JOBS[job]} {pairs} {ONE_BLOCK}"
     for setting in settings:
         host = "alice" if job == "purified" and setting.startswith("memory") else "*"
-        words += f" --device {host}.{setting}"
+        command += f" --device {host}.{setting}"
         if job != "purified":
-            words += f" --switch {setting}"
-    return words
+            command += f" --switch {setting}"
+    return command
 
 
 def waited_s(run: Run, figure: dict[str, Any]) -> dict[str, float]:

@@ -54,9 +54,9 @@ def findings(runs: Runs) -> Sequence[Finding]:
         ours = {task: Estimate(estimate, width / 2 / CONFIDENCE_95 / contrast)}
         if task == "purified":
             ours["success"] = proportion(asking.survived, asking.compared)
-        words = "F {fidelity:g}, gates {gate:g}, readings {readout:g}".format(**figure)
+        label = "F {fidelity:g}, gates {gate:g}, readings {readout:g}".format(**figure)
         for what, our in ours.items():
-            name = f"{what}: {words}"
+            name = f"{what}: {label}"
             value, error = figure[what]
             their = Published(value, error, REFERENCE["program"])
             rows.append(Finding(what, name, our, their, value, error))

@@ -33,10 +33,10 @@ def taken(runs: Runs, order: str, times: int) -> tuple[Estimate, Estimate]:
 def findings(runs: Runs) -> Sequence[Finding]:
     """Return what comes without signalling, beside theirs, and what packets meet in a network."""
     rows = []
-    for (rate, order), (what, words) in product(KINDS, WHAT.items()):
+    for (rate, order), (what, label) in product(KINDS, WHAT.items()):
         our = ours(runs, what, "made", "tree", rate, order, 0)
         their = REFERENCE[f"tree {rate} {order}"][what]
-        finding = paired(f"{words}, {order}, {rate}/s", our, their, "their program")
+        finding = paired(f"{label}, {order}, {rate}/s", our, their, "their program")
         rows.append(replace(finding, chart=what if order == "edf" else "", at=rate))
     times = ours(runs, "turnaround", "made", "garr", 16, "edf", 0)  # light goes round others'
     rows.append(Finding("", "the same of edf, 16/s, on all ways", mean_of_draws(times)))

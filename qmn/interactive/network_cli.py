@@ -226,12 +226,12 @@ class NetworkCLI(CLI):
     def completedefault(self, text: str, line: str, begin: int, _end: int) -> list[str]:
         """Return nodes, behind a host also quantum verbs, behind `link` its states."""
         before = line[:begin].split()
-        words = list(self.mn)
+        choices = list(self.mn)
         if len(before) == 1 and before[0] in self.mn:
-            words += self.host_verbs
+            choices += self.host_verbs
         if before[:1] == ["link"] and len(before) == 3:
-            words = ["up", "down"]
-        return self._beginning(text, words)
+            choices = ["up", "down"]
+        return self._beginning(text, choices)
 
     @staticmethod
     def _beginning(text: str, words: Iterable[str]) -> list[str]:
@@ -250,9 +250,9 @@ def _meant(word: str, names: Collection[str]) -> str:
 
 def arguments_of(line: str, usage: str, count: int, *default: str) -> list[str]:
     """Return `count` arguments, the last one perhaps the default; raise BadInput otherwise."""
-    words = line.split()
-    if len(words) == count - 1:
-        words += default
-    if len(words) != count:
+    arguments = line.split()
+    if len(arguments) == count - 1:
+        arguments += default
+    if len(arguments) != count:
         raise BadInput(f"usage: {usage}")
-    return words
+    return arguments

@@ -66,10 +66,10 @@ class NetworkDescription:
         device = replace(device, analyser=replace(device.analyser, kind=kind))
         device.check(host)
         set_device(self.topo.nodeInfo(host), device)
-        words = *self.options.device, f"{host}.analyser.kind={kind}"
+        settings = *self.options.device, f"{host}.analyser.kind={kind}"
         return replace(
             self,
-            options=replace(self.options, device=words),
+            options=replace(self.options, device=settings),
             parts=replace(self.parts, hosts={**self.parts.hosts, host: device}),
             stated_devices={**self.stated_devices, host: device},
         )
@@ -96,11 +96,11 @@ def describe_network(
     `switch_parts` returns words of --switch for quantum switches of these names; those that the
     options name come after them.
     """
-    words = part_options(options)
+    settings = part_options(options)
     try:
         named = {name: getattr(options, name) for name in FIBER}
         optics_given = {name: value for name, value in named.items() if value is not None}
-        optics_given |= words.of_every_fiber()
+        optics_given |= settings.of_every_fiber()
         every = optics("every fibre", **fiber_of(options.preset, optics_given))
         # So that what cannot be is refused here, and not in the midst of a start.
         fiber_noise.models(resolved(every))
@@ -127,19 +127,19 @@ def _described(
     content = content_of(topo)
     of_switches = switch_parts([switch.name for switch in content.of(OpticalSwitch)])
     options = replace(options, switch=(*of_switches, *options.switch))
-    words = part_options(options).of_hosts([host.name for host in content.of(QuantumHost)])
-    words.set_parts(content)
+    settings = part_options(options).of_hosts([host.name for host in content.of(QuantumHost)])
+    settings.set_parts(content)
     assign_copper_lengths(topo)
     parts = describe(content)
     is_own = every is None or is_custom(options.topology)
-    named = {host: parts.hosts[host] for host in words.named_hosts}
+    named = {host: parts.hosts[host] for host in settings.named_hosts}
     return NetworkDescription(
         options.by_policy(),
         topo,
         parts,
         pace_of(options, against_steps(options, content)),
         None if is_own or options.topology == MAP else every,
-        parts.hosts if is_own else {"every": words.base_device, **named},
+        parts.hosts if is_own else {"every": settings.base_device, **named},
     )
 
 

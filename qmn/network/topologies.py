@@ -84,13 +84,13 @@ def topology(text: str) -> dict[str, str | int | bool]:
 
     As in Mininet's --topo, values without names come first. Return fields of NetworkOptions.
     """
-    name, *words = text.split(",")
+    name, *parameters = text.split(",")
     if not is_known(name):
         raise argparse.ArgumentTypeError(f"{name!r}: {remedy(name, KNOWN)}")
     names = TOPOLOGIES[name].parameters if name in TOPOLOGIES else tuple(PARAMETERS)
     values: dict[str, str] = {}
     unnamed, last = iter(names), ""
-    for word in words:
+    for word in parameters:
         key, named, value = word.partition("=")
         if not named and last in LISTS:
             values[last] += f",{word}"

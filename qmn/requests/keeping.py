@@ -36,10 +36,10 @@ def kept(request: "DataclassInstance") -> dict[str, Parameter]:
 
 
 def recorded_name(option: "Field[Any]") -> str | None:
-    words = declared(option)
-    if "help" in words:
-        return option.name if words.get("recorded", True) else None
-    return words.get("recorded_as")
+    declaration = declared(option)
+    if "help" in declaration:
+        return option.name if declaration.get("recorded", True) else None
+    return declaration.get("recorded_as")
 
 
 class RecordReader(OptionReader):

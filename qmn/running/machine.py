@@ -106,10 +106,10 @@ def _tried(name: str, without: str, command: list[str], remedy: str) -> Finding:
         return Finding(name, UNCHECKED, "only root can try it", SUDO)
     if shutil.which(command[0]) is None:
         return Finding(name, FAILS, f"{command[0]} is not installed", SETUP)
-    status, words = _run("unshare", "--net", *command)
+    status, output = _run("unshare", "--net", *command)
     if status == 0:
         return Finding(name, WORKS, "tried")
-    return Finding(name, without, words or f"status {status}", remedy)
+    return Finding(name, without, output or f"status {status}", remedy)
 
 
 def packages() -> Finding:
@@ -117,8 +117,8 @@ def packages() -> Finding:
     if shutil.which("dpkg-query") is None:
         return Finding("packages", LIMITED, "no Debian-like system", "use MODE=docker")
     form = "${db:Status-Status} ${Package}\n"
-    _status, words = _run("dpkg-query", "-W", "-f", form, *names)
-    installed = {line.split()[1] for line in words.splitlines() if line.startswith("installed ")}
+    _status, output = _run("dpkg-query", "-W", "-f", form, *names)
+    installed = {line.split()[1] for line in output.splitlines() if line.startswith("installed ")}
     missing = sorted(set(names) - installed)
     if missing:
         return Finding("packages", FAILS, f"missing: {', '.join(missing)}", SETUP)
@@ -161,10 +161,10 @@ def open_vswitch() -> Finding:
 def docker() -> Finding:
     if os.environ.get("QMN_MODE") == "docker":
         return Finding("Docker", WORKS, "this is a container")
-    status, words = _run(str(ROOT / "docker" / "engine"))
+    status, output = _run(str(ROOT / "docker" / "engine"))
     if status == 0:
-        return Finding("Docker", WORKS, words)
-    return Finding("Docker", LIMITED, words, "start or install an engine, or use MODE=native")
+        return Finding("Docker", WORKS, output)
+    return Finding("Docker", LIMITED, output, "start or install an engine, or use MODE=native")
 
 
 def running_networks() -> Finding:

@@ -29,8 +29,8 @@ def call(arguments: argparse.Namespace) -> int:
     except (NetworkError, QuantumSocketError) as error:
         print(f"qmn: {error}", file=sys.stderr)
     except TimeoutError:
-        words = f"{arguments.sender} to {arguments.receiver}"
-        print(f"qmn: {words}: no progress for {STALL_TIMEOUT_S:g} s", file=sys.stderr)
+        ends = f"{arguments.sender} to {arguments.receiver}"
+        print(f"qmn: {ends}: no progress for {STALL_TIMEOUT_S:g} s", file=sys.stderr)
     else:
         return 0
     return 1

@@ -109,9 +109,9 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
             self._route("add", f"{dispatcher} scope link", REPEATS)
 
     def _route(self, change: str, route: str, patience: str) -> None:
-        words = f"{route} dev {self.defaultIntf()} {patience}"
-        if refusal := self.cmd(f"ip route {change} {words}"):
-            raise NetworkError(f"{self.name}: ip route {change} {words}: {refusal.strip()}")
+        to = f"{route} dev {self.defaultIntf()} {patience}"
+        if refusal := self.cmd(f"ip route {change} {to}"):
+            raise NetworkError(f"{self.name}: ip route {change} {to}: {refusal.strip()}")
 
     def shown_folders(self) -> dict[Path, str]:
         return {}

@@ -171,17 +171,17 @@ def bridge_words(
     transaction, and `add-br` has all of them read again: time with the square of the ports. Rows
     that `create` makes, and that name each other, take none of that.
     """
-    words = ["--if-exists", "del-br", name]
+    steps = ["--if-exists", "del-br", name]
     ports = []
     for number, (each, columns) in enumerate({name: ["type=internal"], **interfaces}.items()):
         interface, port = f"@{name}i{number}", f"@{name}p{number}"
-        words += ["--", f"--id={interface}", "create", "Interface", _named(each), *columns]
-        words += ["--", f"--id={port}", "create", "Port", _named(each), f"interfaces={interface}"]
+        steps += ["--", f"--id={interface}", "create", "Interface", _named(each), *columns]
+        steps += ["--", f"--id={port}", "create", "Port", _named(each), f"interfaces={interface}"]
         ports.append(port)
     bridge = f"@{name}b"
-    words += ["--", f"--id={bridge}", "create", "Bridge", _named(name)]
-    words += [f"ports=[{','.join(ports)}]", *options]
-    return [*words, "--", "add", "Open_vSwitch", ".", "bridges", bridge]
+    steps += ["--", f"--id={bridge}", "create", "Bridge", _named(name)]
+    steps += [f"ports=[{','.join(ports)}]", *options]
+    return [*steps, "--", "add", "Open_vSwitch", ".", "bridges", bridge]
 
 
 def _named(name: str) -> str:

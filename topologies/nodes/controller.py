@@ -80,8 +80,8 @@ class QuantumController(QuantumNode, ManagedController):
 
     def _begin(self) -> EarlyStart:
         """Let the controller load its framework, which takes longest of all."""
-        words = ["--framework", self.network.settings.controller]
-        return EarlyStart(self.network, self.name, "controller_apps", words, self)
+        arguments = ["--framework", self.network.settings.controller]
+        return EarlyStart(self.network, self.name, "controller_apps", arguments, self)
 
     def launch(self) -> None:
         """Start the controller ahead of `start`, which then only has to wait."""

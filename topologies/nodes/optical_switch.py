@@ -75,13 +75,13 @@ class OpticalSwitch(ClassicalSwitch):
         """Make the bridge with its ports, inner ones included: patches that lead nowhere."""
         stands = self.stands
         super().lay()
-        words: list[str] = []
+        command: list[str] = []
         for number, inner in self.network.switches[self.name].inner_ports.items():
             port = inner.name(self.name)
-            words += ["--", "add-port", self.name, port, "--", "set", "interface", port]
-            words += ["type=patch", "options:peer=none", f"ofport_request={number}"]
-        if words and not stands:
-            openvswitch.change(*words)
+            command += ["--", "add-port", self.name, port, "--", "set", "interface", port]
+            command += ["type=patch", "options:peer=none", f"ofport_request={number}"]
+        if command and not stands:
+            openvswitch.change(*command)
 
     def launch(self, controllers: list[Controller]) -> None:
         """Start the bridge and its agent ahead of `start`, which then only has to wait."""

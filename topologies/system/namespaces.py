@@ -216,8 +216,8 @@ def _prepare(machine: int, own_network: bool) -> None:
     _require(LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL), "prctl(PR_SET_PDEATHSIG)")
     try:
         _require(LIBC.unshare(kinds), "new namespaces")
-        words = [str(OWN_NAMESPACES), "--prepare", f"/proc/self/fd/{machine}"]
-        subprocess.run(words, pass_fds=[machine], check=True)
+        command = [str(OWN_NAMESPACES), "--prepare", f"/proc/self/fd/{machine}"]
+        subprocess.run(command, pass_fds=[machine], check=True)
     except (NetworkError, subprocess.CalledProcessError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         _end(1)

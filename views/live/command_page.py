@@ -117,8 +117,8 @@ def answer_to(pages: Pages, number: int, path: str, over: bool) -> bytes:
     if running:
         return response(302, more=f"Location: {up}{running[-1]}/\r\n")
     last = max(names, default=0)
-    words = ENDED.format(last, escape(names[last])) if last else NONE_YET
-    return response(200, HTML, WAITING % (up, words))
+    sentence = ENDED.format(last, escape(names[last])) if last else NONE_YET
+    return response(200, HTML, WAITING % (up, sentence))
 
 
 def response(status: int, kind: str = "text/plain", text: str = "", more: str = "") -> bytes:

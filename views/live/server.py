@@ -253,11 +253,11 @@ class Act(Answer):
         if self.request.headers.get("Content-Type", "").partition(";")[0] != "application/json":
             raise HTTPError(415, reason="an act is application/json")
         try:
-            words = command_for(decode_json(self.request.body, MOST_REQUEST, MOST_DEPTH))
+            command = command_for(decode_json(self.request.body, MOST_REQUEST, MOST_DEPTH))
         except (BadAct, MalformedPacket) as error:
             self.set_status(400)
             self.write({"output": str(error), "status": 2})
             return
-        time_ns, done = await perform(words, view.folder, view.now_ns)
+        time_ns, done = await perform(command, view.folder, view.now_ns)
         view.timeline.add(ACT, time_ns, done)
         self.write(done)

@@ -53,10 +53,10 @@ def together(steps: Iterable[Step]) -> list[Step]:
     for (step, text), same in groupby(steps, lambda each: (replace(each, text=""), _kind(each))):
         texts = [each.text for each in same]
         if len(set(texts)) > 1:  # ways through a switch
-            words = text + ", ".join(each.removeprefix(text) for each in texts)
+            text_of_all = text + ", ".join(each.removeprefix(text) for each in texts)
         else:
-            words = texts[0] + (f" × {len(texts)}" if len(texts) > 1 else "")  # noqa: RUF001
-        joined.append(replace(step, text=words))
+            text_of_all = texts[0] + (f" × {len(texts)}" if len(texts) > 1 else "")  # noqa: RUF001
+        joined.append(replace(step, text=text_of_all))
     return joined
 
 
@@ -122,7 +122,7 @@ def _metadata_step(flight: Flight) -> Step:
 
 
 def describe(message: Message) -> str:
-    words: dict[type[Message], Callable[..., str]] = {
+    by_kind: dict[type[Message], Callable[..., str]] = {
         Setup: _describe_setup,
         Answer: lambda m: f"Answer {Reason(m.reason).name}",
         Emit: lambda m: f"Emit {_count(m.pairs, 'pair')}",
@@ -134,7 +134,7 @@ def describe(message: Message) -> str:
         Values: lambda m: f"Values {_topic(m.topic)} of block {m.block}: {m.count:,}",
         Envelope: lambda m: f"Envelope {_topic(m.topic)}, {_count(len(m.content), 'byte')}",
     }
-    return words[type(message)](message)
+    return by_kind[type(message)](message)
 
 
 def _topic(number: int) -> str:

@@ -95,8 +95,8 @@ class ConfinedNode(ShellWatcher):
         table.write_text(fstab(shown, folders, ruled_here()))
         powers = self._user.descriptor if self._user else GIVEN_UP
         shell = [SHELL, self.name, memory_mib * MIB // KIB, powers]
-        words = [*APART, *shell, table, *shown, "--", *folders]
-        self.write(f"exec {shlex.join(map(str, words))}\n")  # type: ignore[attr-defined]
+        command = [*APART, *shell, table, *shown, "--", *folders]
+        self.write(f"exec {shlex.join(map(str, command))}\n")  # type: ignore[attr-defined]
         self.await_shell(closing(self._user.descriptor if self._user else None))
         (self._confined,) = children(self.shell.pid)
         self._group = MemoryGroup.of_host(self.name, memory_mib)

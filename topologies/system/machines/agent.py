@@ -119,12 +119,12 @@ class Agent(AgentFiles):
 
     async def do_start(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
         """Start a program; what it says, and how it ends, follows."""
-        words = [python(), *header["command"]] if header["python"] else header["command"]
+        command = [python(), *header["command"]] if header["python"] else header["command"]
         within = ["mnexec", "-a", str(header["pid"])] if header["pid"] else []
         variables = ENVIRONMENT if header["python"] else {}
         process = await asyncio.create_subprocess_exec(
             *within,
-            *words,
+            *command,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

@@ -13,8 +13,8 @@ class Errand:
     def __init__(self, machine: Machine, folder: Path, command: Sequence[str]) -> None:
         self._machine, self._back = machine, dict[Path, Path]()
         self._ours = [*command[:1]] == [python()]
-        words = command[1:] if self._ours else command
-        self._command = [self._there(word, folder) for word in words]
+        rest = command[1:] if self._ours else command
+        self._command = [self._there(word, folder) for word in rest]
 
     def _there(self, word: str, folder: Path) -> str:
         """Return a word as it reads there; a file that is here already goes along."""

@@ -151,8 +151,8 @@ class Machine:
         under_way = f"{target}.{next(self._numbers)}"  # hosts put what they share at once
         for offset in range(0, max(len(data), 1), MOST_BODY_BYTES):
             end = offset + MOST_BODY_BYTES
-            words = {"path": target, "under_way": under_way, "is_last": end >= len(data)}
-            self.ask("put", data[offset:end], **words)
+            piece = {"path": target, "under_way": under_way, "is_last": end >= len(data)}
+            self.ask("put", data[offset:end], **piece)
 
     def get(self, path: Path | str, most_bytes: int | None = None) -> bytes | None:
         """Return what is in a file there, None if there is none; NetworkError if it is longer."""
@@ -205,8 +205,8 @@ class Machine:
         """Start a command there, in the namespace of a process; `write` takes what it says."""
         number = next(self._numbers)
         process = self._processes[number] = ProcessElsewhere(self, number, write)
-        words: dict[str, Any] = {"command": list(command), "pid": pid, "python": python}
-        process.pid_there, _ = self._asked(number, "start", environment=environment or {}, **words)
+        ask: dict[str, Any] = {"command": list(command), "pid": pid, "python": python}
+        process.pid_there, _ = self._asked(number, "start", environment=environment or {}, **ask)
         return process
 
     def start_shell(self, node: str, write: Write, confined: bool) -> ProcessElsewhere:
@@ -217,8 +217,8 @@ class Machine:
         number = next(self._numbers)
         shell = self._processes[number] = ProcessElsewhere(self, number, write)
         in_user_namespace = confined and self.user_namespaces
-        words: dict[str, Any] = {"node": node, "user_namespace": in_user_namespace}
-        (shell.pid_there, shell.user, why), _ = self._asked(number, "shell", **words)
+        ask: dict[str, Any] = {"node": node, "user_namespace": in_user_namespace}
+        (shell.pid_there, shell.user, why), _ = self._asked(number, "shell", **ask)
         if why:
             self.user_namespaces = False
             warn(without_user_namespaces(f"hosts on {self.name}, from {node} on,", why))

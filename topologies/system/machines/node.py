@@ -34,8 +34,8 @@ class NodeElsewhere:
         node.pid, node.slave = NOWHERE, os.open(os.devnull, os.O_RDWR)  # Mininet closes it
         node.attach(shell, ours.detach())
         node.without_ipv6()
-        words = self.environment()
-        node.cmd("export " + " ".join(f'{name}="{value}"' for name, value in words.items()))
+        variables = self.environment()
+        node.cmd("export " + " ".join(f'{name}="{value}"' for name, value in variables.items()))
 
     def _terminal_says(self, data: bytes) -> None:
         self._terminal.setblocking(True)
@@ -80,9 +80,9 @@ class NodeElsewhere:
         self.machine.put(table, fstab(shown, there, ruled).encode())
         node: Any = self
         user = node.shell.user
-        words = [*APART, shell, self.name, memory_mib * MIB // KIB]
-        words += [GIVEN_UP if user is None else user, table, *shown, "--", *there]
-        node.write(f"exec {shlex.join(map(str, words))}\n")
+        command = [*APART, shell, self.name, memory_mib * MIB // KIB]
+        command += [GIVEN_UP if user is None else user, table, *shown, "--", *there]
+        node.write(f"exec {shlex.join(map(str, command))}\n")
         node.await_shell(closing(user))
 
     def environment(self) -> dict[str, str]:

@@ -49,9 +49,9 @@ def make(name: str, mtu: int, identifier: int, ends: tuple[str, str], for_host: 
         _lay_under(local)
         _lead_to(remote)
     inner, tunnel = name if for_host else f"link{identifier}", f"vxlan{identifier}"
-    words = ["add-port", LINKS, inner]
+    command = ["add-port", LINKS, inner]
     if for_host:
-        words += ["--", "set", "interface", name, "type=internal", f"mtu_request={mtu}"]
+        command += ["--", "set", "interface", name, "type=internal", f"mtu_request={mtu}"]
     else:
         ip(
             [
@@ -61,8 +61,8 @@ def make(name: str, mtu: int, identifier: int, ends: tuple[str, str], for_host: 
         )
         finish_checksums(name)
     options = ["type=vxlan", f"options:remote_ip={remote}", f"options:key={identifier}"]
-    words += ["--", "add-port", LINKS, tunnel, "--", "set", "interface", tunnel, *options]
-    openvswitch.vsctl(*words)
+    command += ["--", "add-port", LINKS, tunnel, "--", "set", "interface", tunnel, *options]
+    openvswitch.vsctl(*command)
     if for_host:
         _let_interfaces_end_with(openvswitch.switch_daemon_pid())
     for one, other in ((inner, tunnel), (tunnel, inner)):
@@ -106,11 +106,11 @@ def _lay_under(local: str) -> None:
 
 @cache
 def _lead_to(remote: str) -> None:
-    for words in (
+    for command in (
         ("ovs/route/add", f"{remote}/32", UNDER),
         ("tnl/arp/set", UNDER, remote, _next_hop(remote)),
     ):
-        run("ovs-appctl", "-t", openvswitch.SWITCH_DAEMON, *words, timeout_s=COMMAND_TIMEOUT_S)
+        run("ovs-appctl", "-t", openvswitch.SWITCH_DAEMON, *command, timeout_s=COMMAND_TIMEOUT_S)
 
 
 def _next_hop(remote: str) -> str:
@@ -120,8 +120,8 @@ def _next_hop(remote: str) -> str:
     while time.monotonic() < deadline:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
             asking.sendto(b"", (remote, DISCARD))  # the kernel asks for it then
-        words = "ip", "-json", "neigh", "show", hop, "dev", way["dev"]
-        for neighbour in json.loads(run(*words, timeout_s=COMMAND_TIMEOUT_S) or "[]"):
+        command = "ip", "-json", "neigh", "show", hop, "dev", way["dev"]
+        for neighbour in json.loads(run(*command, timeout_s=COMMAND_TIMEOUT_S) or "[]"):
             if "lladdr" in neighbour:
                 return str(neighbour["lladdr"])
         time.sleep(POLL_S)

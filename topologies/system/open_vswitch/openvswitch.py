@@ -180,19 +180,19 @@ def one_transaction() -> Iterator[None]:
     _put_off = []
     try:
         yield
-        words = _put_off
+        commands = _put_off
     finally:
         _put_off = None
-    if words:
-        vsctl(*words)
+    if commands:
+        vsctl(*commands)
 
 
 def change(*arguments: str) -> str:
     """Run ovs-vsctl; in a transaction, when all that it does is known, and without its words."""
-    words = list(arguments[1:] if arguments[:1] == ("--",) else arguments)
+    commands = list(arguments[1:] if arguments[:1] == ("--",) else arguments)
     if _put_off is None:
-        return vsctl(*words)
-    _put_off.extend(["--", *words] if _put_off else words)
+        return vsctl(*commands)
+    _put_off.extend(["--", *commands] if _put_off else commands)
     return ""
 
 
@@ -232,8 +232,8 @@ def apply_settings(bridge: str) -> None:
 def certify(authority: str, certificate: str, private_key: str) -> None:
     """Show this certificate in TLS: one for all bridges."""
     files = {"private_key": private_key, "certificate": certificate, "ca_cert": authority}
-    words = [f'{name}="{path}"' for name, path in files.items()]
-    made = ["--id=@tls", "create", "SSL", *words]
+    columns = [f'{name}="{path}"' for name, path in files.items()]
+    made = ["--id=@tls", "create", "SSL", *columns]
     vsctl("del-ssl", "--", *made, "--", "set", "Open_vSwitch", ".", "ssl=@tls")
 
 

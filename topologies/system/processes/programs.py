@@ -209,8 +209,8 @@ class Program:
         called, which raises if something else makes the wait useless.
         """
         deadline = time.monotonic() + timeout_s - self._queued_s()
-        words = re.compile(rf"\b{re.escape(text)}\b")
-        while not words.search(self.output()):
+        pattern = re.compile(rf"\b{re.escape(text)}\b")
+        while not pattern.search(self.output()):
             if not self.running:
                 raise NetworkError(f"{self.name} ended at its start: {self.end()}")
             if time.monotonic() > deadline + self._queued_s():

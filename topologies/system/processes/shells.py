@@ -135,8 +135,8 @@ class ShellWatcher:
             if ended or late:
                 self._kill_shell()
                 what = "ended at its start" if ended else f"had no prompt in {SHELL_TIMEOUT_S:g} s"
-                words = printed.strip() or f"no output, status {self.shell.returncode}"
-                raise NetworkError(f"the shell of {self.name} {what}: {words}")
+                text = printed.strip() or f"no output, status {self.shell.returncode}"
+                raise NetworkError(f"the shell of {self.name} {what}: {text}")
 
     def _kill_shell(self) -> None:
         if not self.shell_ended:

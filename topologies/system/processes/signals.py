@@ -173,10 +173,10 @@ def reset() -> None:
 
 def force_end(number: int) -> None:
     """End this process now; nothing that it is about to do is done."""
-    words = (
+    text = (
         f"qmn: a second {signal.Signals(number).name} has forced the end; the kernel ends what is "
         "left\n"
     )
     with suppress(OSError):
-        os.write(sys.stderr.fileno(), words.encode())
+        os.write(sys.stderr.fileno(), text.encode())
     os._exit(128 + number)

@@ -85,14 +85,14 @@ def write(network: Runtime, name: str, config: Config, descriptors: dict[str, in
     """Write the file of a program's configuration, with the network's time and its own sockets."""
     path = network.folder / f"{name}.json"
     time = network.time
-    words: dict[str, Any] = {
+    more: dict[str, Any] = {
         **descriptors,
         "time_scale": time.scale,
         "time_since_ns": time.since_ns,
     }
     if isinstance(time, SteppedTime):
-        words |= {"time_folder": time.folder, "time_slot": next(network.time_slots)}
-    replace(config, **words).write(path)
+        more |= {"time_folder": time.folder, "time_slot": next(network.time_slots)}
+    replace(config, **more).write(path)
     return path
 
 
