@@ -46,7 +46,11 @@ from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.registers import Mask, Register
 from dispatcher.switch.optical_switch import Through
 from wire.config import FiberEnd
+from wire.outcomes import PAULI_BASES
 from wire.parameters.physics import PairSource
+
+# Whether a Pauli (0 I, 1 X, 2 Z, 3 XZ) flips a bit along Z, X and Y.
+FLIPPED = np.array([[0, 1, 0, 1], [0, 0, 1, 1], [0, 1, 1, 0]], np.uint8)
 
 
 def is_weak(source: PairSource) -> bool:
@@ -261,9 +265,15 @@ def _measured(
     if not photons.pulses.size:
         return np.zeros(0, np.uint8)
     values = bases(photons.pulses)
-    register = emission.prepare(layer.sabot, light.states(photons, values))
-    layer.sabot.pauli(register, light.paulis(photons))
-    return layer.sabot.measure(register, values, light.draws(photons, random))
+    states, paulis = light.states(photons, values), light.paulis(photons)
+    if (values >= PAULI_BASES).any():
+        register = emission.prepare(layer.sabot, states)
+        layer.sabot.pauli(register, paulis)
+        return layer.sabot.measure(register, values, light.draws(photons, random))
+    bits = states & np.uint8(1) ^ FLIPPED[values, paulis]
+    free = states >> np.uint8(1) != values  # along another axis: either bit
+    bits[free] = light.draws(photons.chosen(free), random).bits()
+    return bits
 
 
 def _moved_ps(

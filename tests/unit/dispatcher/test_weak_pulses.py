@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block
-from dispatcher.layer.weak_pulses import Photons, WeakPulses
-from dispatcher.operations import weak_light
+from dispatcher.layer.weak_pulses import BasesAt, Photons, WeakPulses
+from dispatcher.operations import emission, weak_light
 from dispatcher.operations.adjustment import adjust
+from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import Refusal
 from dispatcher.sabot.backend import Bytes
 from evidence.laboratory import Laboratory
@@ -33,6 +34,19 @@ KEY = bytes(range(16))
 def every_photon(light: WeakPulses, _share: float = 1.0) -> Photons:
     """Return all photons that have left the source, whatever becomes of them."""
     return light.below(1.0)
+
+
+def measured_as_qubits(
+    layer: PhysicalLayer,
+    light: WeakPulses,
+    photons: Photons,
+    random: PhotonRandom,
+    bases: BasesAt,
+) -> Bytes:
+    values, sabot = bases(photons.pulses), layer.sabot
+    register = emission.prepare(sabot, light.states(photons, values))
+    sabot.pauli(register, light.paulis(photons))
+    return sabot.measure(register, values, light.draws(photons, random))
 
 
 def nothing_weak(_layer: PhysicalLayer, why: str, *blocks: Block) -> None:
@@ -115,6 +129,7 @@ def test_what_clicks_is_the_same_if_every_photon_is_simulated(
     sparse = uvloop.run(exchanged(config, rate_hz))
     assert set(sparse) > {NO_CLICK}
     monkeypatch.setattr(WeakPulses, "photons", every_photon)
+    monkeypatch.setattr(weak_light, "_measured", measured_as_qubits)
     assert uvloop.run(exchanged(config, rate_hz)) == sparse
 
 
