@@ -165,6 +165,10 @@ class PhotonsByKey(PhotonRandom):
         radius = np.sqrt(-2 * np.log1p(-self.uniform(purpose)))
         return np.asarray(radius * np.cos(2 * np.pi * self.uniform(f"{purpose}, angle")))
 
+    def coins(self, purpose: str, count: int) -> Bytes:
+        assert count == self.photons  # each has its own
+        return (self.uniform(purpose) < 0.5).astype(np.uint8)
+
     def events(self, purpose: str, probability: float) -> NDArray[np.int64]:
         return np.flatnonzero(self.happens(purpose, probability))
 

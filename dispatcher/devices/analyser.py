@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.devices.decay import Each
-from dispatcher.devices.detector import Train
+from dispatcher.devices.detector import Slots, Train, among
 from dispatcher.devices.detectors import Detection, DetectorPair, ExtraBits, hide
 from dispatcher.devices.overlap import Overlap
 from dispatcher.photon_random import PhotonRandom
@@ -69,8 +69,10 @@ class Analysis:
 class Mismatch:
     """How much later photon k of one half has come than photon k of the other."""
 
-    def __init__(self, halves: tuple[Half, Half], apart_ps: float) -> None:
-        """Compare the halves, one of which is so much later as a whole.
+    def __init__(
+        self, halves: tuple[Half, Half], apart_ps: float, slots: Slots | None = None
+    ) -> None:
+        """Compare the halves, or their photons at some slots; the first is so much later.
 
         `ps` is None if no photon differs from the others: all are `all_ps` apart.
         """
@@ -80,14 +82,15 @@ class Mismatch:
         intervals_ns = first.train.interval_ns, second.train.interval_ns
         if all(intervals_ns) and intervals_ns[0] != intervals_ns[1]:
             slower_ps = (intervals_ns[0] - intervals_ns[1]) * 1e3
-            self.ps = np.arange(first.train.count, dtype=np.float64) * slower_ps
+            at = np.arange(first.train.count) if slots is None else slots
+            self.ps = at.astype(np.float64) * slower_ps
         for delays_ps, sign in ((first.delays_ps, 1), (second.delays_ps, -1)):
             if delays_ps is not None:
                 self.ps = sign * delays_ps if self.ps is None else self.ps + sign * delays_ps
         self.most_ps = abs(apart_ps)
         if self.ps is not None:
             self.ps = self.ps + apart_ps if apart_ps else self.ps
-            self.most_ps = max(float(self.ps.max()), -float(self.ps.min()))
+            self.most_ps = max(float(self.ps.max(initial=0.0)), -float(self.ps.min(initial=0.0)))
 
 
 class Analyser:
@@ -140,6 +143,37 @@ class Analyser:
             incidents["misread"] = wrong
         return Analysis(self.named(outcomes), clicks, incidents, detections or ())
 
+    @property
+    def best(self) -> tuple[float, float]:
+        """How likely either arm sees a photon at its better detector."""
+        phase, parity = (float(arm.efficiencies.max()) for arm in self.arms)
+        return phase, parity
+
+    def analyse_few(
+        self,
+        slots: Slots,
+        detections: tuple[Detection, Detection],
+        halves: tuple[Half, Half],
+        random: PhotonRandom,
+        together: Slots,
+        apart_ps: float,
+    ) -> tuple[Slots, Analysis]:
+        """Return the outcomes of slots at which both arms click, and the slots that are left.
+
+        In some pulses a pair has made both click; delays of halves are those of the slots.
+        """
+        states = np.where(among(slots, together), np.uint8(0), np.uint8(NO_CLICK))
+        outcomes, coincident, clicks, incidents = _combine(detections, states)
+        mismatch, random = Mismatch(halves, apart_ps, slots), random.beside(slots.size)
+        late = self.late(coincident, detections, halves, mismatch, random)
+        if late.size:
+            outcomes[late] = NO_CLICK
+            incidents["late"] = late.size
+        if wrong := self.misread(outcomes, random):
+            incidents["misread"] = wrong
+        left = outcomes != NO_CLICK
+        return slots[left], Analysis(self.named(outcomes[left]), clicks, incidents)
+
     def named(self, outcomes: Bytes) -> Bytes:
         if self._device.kind != "linear":
             return outcomes
@@ -168,10 +202,10 @@ class Analyser:
         ):
             return some
         apart_ps = mismatch.all_ps if mismatch.ps is None else mismatch.ps[some]
-        wrong = self._wrong(apart_ps, overlap.of(some))
+        wrong = self.wrong(apart_ps, overlap.of(some))
         return some[random.generator("visibility").random(some.size) * worst < wrong]
 
-    def _wrong(self, mismatch_ps: Each, overlap: Overlap) -> Each:
+    def wrong(self, mismatch_ps: Each, overlap: Overlap) -> Each:
         """Return how likely a phase is wrong after a mismatch."""
         return (1 - self.visibility(mismatch_ps, overlap)) / 2
 

@@ -50,6 +50,14 @@ class Detection:
         clicked: Mask = self.bits != NO_CLICK
         return clicked if self.twice is None else clicked & ~self.twice
 
+    def at(self, places: NDArray[np.intp]) -> "Detection":
+        """Return some of the bits, of as many clicks and incidents."""
+        lightless, twice = (
+            None if mask is None else mask[places] for mask in (self.lightless, self.twice)
+        )
+        bits, own = self.bits[places], self.own[places]
+        return replace(self, bits=bits, own=own, lightless=lightless, twice=twice)
+
     def incidents(self) -> dict[str, int]:
         names = ("dark", "afterpulses", "dead", "double", "outside")
         return {name: count for name in names if (count := getattr(self, name))}

@@ -122,6 +122,17 @@ class WeakHalf(WeakPulses):
         return self.pairs.below(most)[self.half]
 
 
+def seen_together(
+    first: WeakHalf, second: WeakHalf, shares: tuple[float, float]
+) -> tuple[Photons, Photons]:
+    """Draw the pairs of which such shares of either half may be seen, as photons of both."""
+    most = [0.0, 0.0]
+    for light, share in zip((first, second), shares, strict=True):
+        most[light.half] = light.transmission * share
+    came = first.pairs.below(most)
+    return came[first.half], came[second.half]
+
+
 def weak_halves(pairs: Pairs) -> tuple[WeakHalf, WeakHalf]:
     total = int(pairs.cells.sum())
     one, other = (

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from dispatcher.photon_random import PhotonRandom, PhotonsByKey
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.draws import PhotonDraws
+from wire import dibits
 from wire.keyed import KeyedChoices, Words, identities
 
 LAYERS = 16  # in the last one are all fates below 2 ** -LAYERS
@@ -72,6 +73,21 @@ class ArrayChoices:
 Choices = ArrayChoices | KeyedChoices
 
 
+@dataclass(frozen=True)
+class Operators:
+    """The Paulis that a host has applied, and what errs with photons that met any but I."""
+
+    packed: bytes  # two bits for each pulse, the first lowest
+    random: PhotonRandom
+    noise: Noise | None
+
+    def of(self, photons: Photons) -> Bytes:
+        paulis = dibits.at(self.packed, photons.pulses, "little")
+        if self.noise is None:
+            return paulis
+        return paulis ^ self.noise(PhotonsByKey.of(self.random, photons.keys)) * (paulis > 0)
+
+
 @dataclass(eq=False, slots=True, kw_only=True)
 class WeakPulses(ABC):
     """A block of pulses on its way: its light is all that has happened to it so far."""
@@ -84,6 +100,7 @@ class WeakPulses(ABC):
     expected: int = 0  # photons that are left, drawn for the counters on the way alone
     of_pulses: list[tuple[PhotonRandom, Noise]] = field(default_factory=list)
     of_photons: list[tuple[PhotonRandom, Noise]] = field(default_factory=list)
+    applied: list[Operators] = field(default_factory=list)
 
     def pass_on(self, transmission: float, random: PhotonRandom, purpose: str) -> int:
         """Let so much of the light through; return how many photons are lost, to be counted."""
@@ -118,7 +135,7 @@ class WeakPulses(ABC):
         return np.full(photons.pulses.size, self.transmission)
 
     def paulis(self, photons: Photons) -> Bytes:
-        """Return all that noise has done to photons so far: 0 I, 1 X, 2 Z, 3 XZ; shape (m,)."""
+        """Return all that noise and hosts have done to photons: 0 I, 1 X, 2 Z, 3 XZ; shape (m,)."""
         paulis = np.zeros(photons.pulses.size, np.uint8)
         for keys, noises in (
             (photons.pulses, self.of_pulses),
@@ -126,6 +143,8 @@ class WeakPulses(ABC):
         ):
             for random, noise in noises:
                 paulis ^= noise(PhotonsByKey.of(random, keys))
+        for operators in self.applied:
+            paulis ^= operators.of(photons)
         return paulis
 
     def delays_ps(self, pulses: Pulses) -> NDArray[np.float64] | None:

@@ -21,6 +21,7 @@ from dispatcher.sabot.capacity import GateStep
 from dispatcher.sabot.gates import ROTATIONS, TWO_QUBIT_GATES
 from dispatcher.sabot.limits import MAX_GATES, require_count
 from dispatcher.sabot.registers import Register
+from wire import dibits
 from wire.dispatcher_pb2 import (
     ApplyRequest,
     BlockId,
@@ -224,8 +225,13 @@ class Operations:
 
     def apply(self, node: str, request: ApplyRequest) -> Feedback:
         """Apply a Pauli to each photon, then gates to all of them."""
-        layer = self._layer
-        block = weak_light.require(layer, block_name(request.block), node)
+        layer, name = self._layer, block_name(request.block)
+        block = layer.ownership.require(name, node)
+        if not request.gates and weak_light.takes_paulis(layer, block):
+            packed = limits.packed_paulis(request, block.size)
+            if packed:
+                return self._apply_weak(node, block, packed)
+        weak_light.draw(layer, f"an operation of {node}", block)
         planned = self._plan(node, block, request.gates)
         if planned:
             hardware.require(layer.devices, node, GATE)
@@ -255,6 +261,21 @@ class Operations:
         singles = len(planned) - len(others) + int(values is not None and bool(values.any()))
         seconds = imperfections.of_gates(layer.devices.of(node).gates, singles, len(others))
         return imperfections.lasts(feedback, seconds, [block, *others])
+
+    def _apply_weak(self, node: str, block: Block, packed: bytes) -> Feedback:
+        """Let weak pulses carry Paulis, which photons meet that are drawn."""
+        weak_light.apply(self._layer, block, packed)
+        counts = dibits.counts(packed)
+        counts[0] -= dibits.PER_BYTE * len(packed) - block.size
+        detail = " ".join(
+            f"{name}={count}" for name, count in zip(PAULIS, counts, strict=True) if count
+        )
+
+        def each(position: int) -> str:
+            return PAULIS[int(dibits.at(packed, np.array([position]), "little")[0])]
+
+        self._layer.record(node, "apply", block, detail=detail, each=each)
+        return self._layer.feedback(block)
 
     def store(self, node: str, request: StoreRequest) -> Feedback:
         """Keep a block in the node's memory, and drop what is older than the cut-off."""

@@ -32,7 +32,8 @@ from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import Block, BlockName, ExtraPairs, Pulses
 from dispatcher.operations import emission, imperfections, weak_light
 from dispatcher.operations.gathering import require_places
-from dispatcher.operations.measurements import basis_and_outcome, clicks, listed
+from dispatcher.operations.measurements import clicks, listed
+from dispatcher.operations.outcomes import basis_and_outcome
 from dispatcher.operations.weak_light import train
 from dispatcher.refusal import Refusal, exhausted, invalid
 from dispatcher.sabot.backend import Bytes

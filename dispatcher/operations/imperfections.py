@@ -52,7 +52,7 @@ def after_gate(layer: PhysicalLayer, block: Block, mask: Mask | None = None) -> 
 def after_pair_gate(layer: PhysicalLayer, first: Block, second: Block) -> int:
     """Let noise follow a gate on pairs of photons of two blocks; return how many it has hit."""
     p = layer.devices.of(first.node).gates.two_qubit_depolarizing
-    random = _chance(layer, first)
+    random = chance(layer, first)
     errors = random.events("two qubits", p * TWO_QUBIT_ERRORS / 16)
     both = first.register.present & second.register.present
     errors = errors[both[errors]]
@@ -107,10 +107,10 @@ def _hit_each(layer: PhysicalLayer, block: Block, members: Mask, as_paulis: Byte
     `as_paulis` says which operator each of I, X, Z and XZ is where it acts, shape (4,).
     """
     p = layer.devices.of(block.node).gates.one_qubit_depolarizing
-    chance, count = _chance(layer, block), 0
+    draws, count = chance(layer, block), 0
     if not p:
         return 0
-    for register, pulses, random in extra_pairs.by_themselves(block, chance):
+    for register, pulses, random in extra_pairs.by_themselves(block, draws):
         errors = random.events("one qubit", p * ONE_QUBIT_ERRORS / 4)
         errors = errors[(members[pulses] & register.present)[errors]]
         drawn = 1 + random.which("which Pauli", errors.size, np.ones(ONE_QUBIT_ERRORS))
@@ -121,10 +121,11 @@ def _hit_each(layer: PhysicalLayer, block: Block, members: Mask, as_paulis: Byte
     return count
 
 
-def _chance(layer: PhysicalLayer, block: Block) -> PhotonRandom:
+def chance(layer: PhysicalLayer, block: Block) -> PhotonRandom:
+    """Return what draws the errors of one more gate on a block."""
     block.gates += 1
     place = block.draws_for(f"gate {block.gates} at {block.node}")
-    return PhotonRandom(layer.draws, block.name, place, block.register.size)
+    return PhotonRandom(layer.draws, block.name, place, block.size)
 
 
 def _hit(

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import MAX_BLOCKS, Block
 from dispatcher.operations import emission
-from dispatcher.refusal import exhausted, invalid
+from dispatcher.refusal import Refusal, exhausted, invalid
 from dispatcher.sabot.backend import Angle, Bytes
 from dispatcher.sabot.dense import Dense
 from dispatcher.sabot.gates import ROTATIONS
@@ -105,7 +105,26 @@ def paulis(request: ApplyRequest, photons: int) -> Bytes | None:
     try:
         return dibits.unpack(request.dibits, photons, "little")
     except ValueError as error:
-        raise invalid(f"dibits: {error}; send two for each photon, and fill up by 0") from error
+        raise _wrong_dibits(error) from error
+
+
+def packed_paulis(request: ApplyRequest, photons: int) -> bytes:
+    """Return the Pauli of each photon in two bits, the first lowest; empty if there are none."""
+    if request.paulis:
+        values = paulis(request, photons)
+        assert values is not None
+        return dibits.pack(values, "little")
+    given = request.dibits  # each look at a field copies it
+    try:
+        if given:
+            dibits.require(given, photons, "little")
+    except ValueError as error:
+        raise _wrong_dibits(error) from error
+    return given
+
+
+def _wrong_dibits(error: ValueError) -> Refusal:
+    return invalid(f"dibits: {error}; send two for each photon, and fill up by 0")
 
 
 def bases(request: MeasureRequest, photons: int) -> Callable[[NDArray[np.int64]], Bytes]:
@@ -185,6 +204,15 @@ def require_times(order: Order) -> None:
     for step in order.steps if order.times > 1 else ():
         if step.WhichOneof("operation") not in REPEATED:
             raise invalid(f"a step that cannot be repeated; repeat {' and '.join(REPEATED)} alone")
+
+
+def require_outcomes(layer: PhysicalLayer, block: Block) -> None:
+    """Refuse a block of weak pulses for which a reply with a place for each would be too long."""
+    if block.weak is not None and block.size > layer.max_live_qubits:
+        raise exhausted(
+            f"{block.size} outcomes of {block.name} are more than {layer.max_live_qubits}; "
+            "make smaller blocks, or measure by a key"
+        )
 
 
 def require_picks(count: int) -> None:

@@ -1,6 +1,6 @@
 """Measurements of blocks by the node that holds them: first states, then detectors."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -19,17 +19,25 @@ from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import Block, Pulses
 from dispatcher.layer.weak_pairs import WeakHalf
 from dispatcher.layer.weak_pulses import BasesAt, WeakPulses
-from dispatcher.operations import imperfections, limits, weak_light
+from dispatcher.operations import imperfections, limits, weak_bell, weak_light
 from dispatcher.operations.blocks import require_pairs
 from dispatcher.operations.interference import Interference
+from dispatcher.operations.outcomes import (
+    Outcomes,
+    basis_and_outcome,
+    outcome,
+    tell_bell_states,
+    tell_bits,
+    tell_gaps,
+)
 from dispatcher.operations.paths import nanoseconds
+from dispatcher.operations.weak_bell import ArmClicks
 from dispatcher.operations.weak_light import train
 from dispatcher.photon_random import PhotonRandom, PhotonsByKey
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.capacity import DIAGONAL, GateStep
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.registers import Mask
-from wire import dibits, gaps
 from wire.dispatcher_pb2 import BellMeasureRequest, Feedback, MeasureRequest
 from wire.features import MEASURE
 from wire.outcomes import BASES, BELL_STATES, NO_CLICK, PAULI_BASES
@@ -58,6 +66,8 @@ class Measurements:
         block = layer.ownership.require(block_name(request.block), node)
         hardware.require(layer.devices, node, MEASURE)
         hardware.require_encoding(layer.devices, node, block.pulses.encoding)
+        if not request.key:
+            limits.require_outcomes(layer, block)
         bases = limits.bases(request, block.size)
         if block.weak is not None:
             if (obstacle := self._obstacle(block, request, bases)) is None:
@@ -89,7 +99,7 @@ class Measurements:
             self._observe(block, detection, outcomes, places)
         self._report(block, feedback, values, outcomes, incidents)
         feedback.clicks = detection.clicks
-        _tell_bits(feedback, outcomes, request)
+        tell_bits(feedback, outcomes, request)
         seconds = layer.devices.of(node).gates.readout_s if block.kept else 0.0
         return imperfections.lasts(feedback, seconds)
 
@@ -119,9 +129,9 @@ class Measurements:
         self._report(block, feedback, bases(slots), bits, incidents, outcomes.each(bases))
         feedback.clicks = detection.clicks
         if request.key:
-            _tell_gaps(feedback, slots, bits)
+            tell_gaps(feedback, slots, bits)
         else:
-            _tell_bits(feedback, outcomes.of_all(light.count), request)
+            tell_bits(feedback, outcomes.of_all(light.count), request)
         return feedback
 
     def _obstacle(self, block: Block, request: MeasureRequest, bases: BasesAt) -> str | None:
@@ -181,16 +191,13 @@ class Measurements:
         """Return whether there is an observer, and clicks are of light that comes in pulses."""
         return self._layer.observer is not None and not block.kept and bool(block.interval_ns)
 
-    def _observe_arms(
-        self, halves: tuple[Block, Block], detections: tuple[Detection, ...], apart_ps: float
-    ) -> None:
+    def _observe_arms(self, block: Block, arms: Sequence["ArmClicks"], apart_ps: float) -> None:
         """Report the clicks of both arms of an analyser, the first so much later."""
-        for arm, (half, detection) in enumerate(zip(halves, detections, strict=False)):
-            size, delays_ps = detection.bits.size, half.pulses.delays_ps
-            late_ps = np.zeros(size) if delays_ps is None else delays_ps
-            channels = np.full(size, (len(BASES) + arm) * ARM, np.uint8)
-            places = Places(np.arange(size), late_ps - apart_ps * arm, channels, f"arm {arm}")
-            self._observe(halves[0], detection, detection.bits, places)
+        for arm, (slots, delays_ps, detection) in enumerate(arms):
+            late_ps = np.zeros(slots.size) if delays_ps is None else delays_ps
+            channels = np.full(slots.size, (len(BASES) + arm) * ARM, np.uint8)
+            places = Places(slots, late_ps - apart_ps * arm, channels, f"arm {arm}")
+            self._observe(block, detection, detection.bits, places)
 
     def _require_capacity(self, block: Block, values: Bytes) -> None:
         """Refuse bases between those of Pauli operators that the backend cannot hold."""
@@ -212,17 +219,24 @@ class Measurements:
     ) -> Feedback:
         """Do what `bell_measure` does with two blocks that are at the node."""
         layer = self._layer
-        weak_light.draw(layer, "a Bell measurement", first, second)
+        obstacle = weak_bell.obstacle(layer, node, first, second)
+        if obstacle is not None:
+            weak_light.draw(layer, obstacle, first, second)
         self._take_up(node, first, second)
+        if first.weak is not None:
+            weak_bell.require_capacity_for(layer, node, first, second)
         feedback = layer.feedback(first, second)
         feedback.first_ns = min(first.first_ns, second.first_ns)
         feedback.last_ns = max(first.last_ns, second.last_ns)
         device = layer.devices.of(node).analyser
         by_gates = device.kind == "gates"
-        matched = _matched(device, first.pulses, second.pulses, first.register.size)
+        matched = _matched(device, first.pulses, second.pulses, first.size)
         waited, apart_ps = "", 0.0
         if not by_gates:
             waited, apart_ps = self._let_wait(device, matched, (first, second))
+        if first.weak is not None:
+            apart = waited, apart_ps
+            return self._bell_measure_weak(feedback, (first, second), matched, apart, packed)
         errors = imperfections.before_bell_measurement(layer, first, second) if by_gates else {}
         effect = imperfections.noise_of_detectors(layer, first, "Bell")
         as_it_is = np.zeros(first.register.size, np.uint8)
@@ -230,7 +244,12 @@ class Measurements:
         look = self._interfere if device.kind == BEAM_SPLITTER else self._analyse
         analysis = look(node, (first, second), matched, apart_ps)
         if self._is_observed(first):
-            self._observe_arms((first, second), analysis.detections, apart_ps)
+            arms = zip((first, second), analysis.detections, strict=False)
+            looks = [
+                ArmClicks(np.arange(seen.bits.size), half.pulses.delays_ps, seen)
+                for half, seen in arms
+            ]
+            self._observe_arms(first, looks, apart_ps)
         feedback.exact = layer.count_exact((first, second))
         outcomes = device_noise.reported(analysis.outcomes, effect, device_noise.BELL_STATE)
         outcomes = self._analyser(node).named(outcomes)
@@ -244,9 +263,36 @@ class Measurements:
             node, "bell-measure", first, detail=detail + listed(analysis.incidents), each=each
         )
         feedback.clicks = analysis.clicks
-        _tell_bell_states(feedback, outcomes, packed)
+        tell_bell_states(feedback, outcomes, packed)
         gates = layer.devices.of(node).gates
         return imperfections.lasts(feedback, imperfections.of_bell_measurement(gates) * by_gates)
+
+    def _bell_measure_weak(
+        self,
+        feedback: Feedback,
+        blocks: tuple[Block, Block],
+        matched: Overlap,
+        apart: tuple[str, float],
+        packed: bool,
+    ) -> Feedback:
+        """Bell-measure and use up weak pairs, of which those are simulated that may click."""
+        layer, (first, second), (waited, apart_ps) = self._layer, blocks, apart
+        node, count = first.node, first.size
+        analyser, random = self._analyser(node), self._random(node, first)
+        meeting = weak_bell.WeakPairsMeeting(layer, blocks, analyser, random, apart_ps)
+        seen = meeting.analyse(matched)
+        if self._is_observed(first):
+            self._observe_arms(first, seen.arms, apart_ps)
+        for block in blocks:
+            layer.ownership.remove(block)
+        feedback.exact = layer.count_exact(blocks)
+        outcomes = Outcomes(seen.slots, seen.analysis.outcomes)
+        detail = f"with {second.name.number}/{second.name.half}: "
+        detail += tally(outcomes.bits, BELL_STATES) + waited + listed(seen.analysis.incidents)
+        layer.record(node, "bell-measure", first, detail=detail, each=outcomes.bell_state)
+        feedback.clicks = seen.analysis.clicks
+        outcomes.tell_bell_states(feedback, count, packed)
+        return feedback
 
     def _take_up(self, node: str, first: Block, second: Block) -> None:
         layer = self._layer
@@ -290,7 +336,7 @@ class Measurements:
 
     def _random(self, node: str, block: Block) -> PhotonRandom:
         place = block.draws_for(f"analyser of {node}")
-        return PhotonRandom(self._layer.draws, block.name, place, block.register.size)
+        return PhotonRandom(self._layer.draws, block.name, place, block.size)
 
     def _let_wait(
         self, device: BellAnalyser, matched: Overlap, halves: tuple[Block, Block]
@@ -323,11 +369,14 @@ class Measurements:
         layer, lost = self._layer, 0
         if loss_db:
             place = block.draws_for("delay line")
-            random = PhotonRandom(layer.draws, block.name, place, block.register.size)
+            random = PhotonRandom(layer.draws, block.name, place, block.size)
             passes = 10 ** (-loss_db / 10)
-            lost = layer.sabot.lose(block.register, ~random.happens("pass", passes))
-            everything = np.ones(block.register.size, dtype=bool)
-            extra_pairs.thin(layer.sabot, block, everything, passes, random, "further")
+            if block.weak is not None:
+                lost = block.weak.pass_on(passes, random, "pass")
+            else:
+                lost = layer.sabot.lose(block.register, ~random.happens("pass", passes))
+                everything = np.ones(block.size, dtype=bool)
+                extra_pairs.thin(layer.sabot, block, everything, passes, random, "further")
             layer.photons_lost += lost
             layer.photons_lost_waiting += lost
         which = f"{block.name.number}/{block.name.half}"
@@ -382,70 +431,6 @@ def _matched(device: BellAnalyser, one: Pulses, other: Pulses, photons: int) -> 
     spectra = overlap(one.spectrum, other.spectrum, device.bandwidth_rad_per_s)
     aligned = alignment(one.polarization, other.polarization, photons)
     return spectra._replace(most=spectra.most * aligned)
-
-
-class Outcomes(NamedTuple):
-    """The bits of clicks, by their slots."""
-
-    slots: Slots
-    bits: Bytes
-
-    def of_all(self, count: int) -> Bytes:
-        """Return the outcomes of all pulses, NO_CLICK where there is none."""
-        outcomes = np.full(count, NO_CLICK, np.uint8)
-        outcomes[self.slots] = self.bits
-        return outcomes
-
-    def each(self, bases: BasesAt) -> Callable[[int], str]:
-        """Return what tells in which basis a photon was measured, and the outcome."""
-
-        def of(position: int) -> str:
-            place, at = int(self.slots.searchsorted(position)), np.array([position])
-            clicked = place < self.slots.size and self.slots[place] == position
-            bit = self.bits[place : place + 1] if clicked else np.array([NO_CLICK], np.uint8)
-            return basis_and_outcome(bases(at), bit, 0)
-
-        return of
-
-
-def _tell_gaps(feedback: Feedback, slots: Slots, bits: Bytes) -> None:
-    feedback.gaps, feedback.bits = gaps.encode(slots), np.packbits(bits).tobytes()
-
-
-def _tell_bits(feedback: Feedback, outcomes: Bytes, request: MeasureRequest) -> None:
-    if request.key:
-        slots = np.flatnonzero(outcomes != NO_CLICK)
-        _tell_gaps(feedback, slots, outcomes[slots])
-    elif request.packed:
-        feedback.bits = np.packbits(outcomes & np.uint8(1)).tobytes()
-        feedback.missed = _packed_mask(outcomes == NO_CLICK)
-    else:
-        feedback.outcomes = outcomes.tobytes()
-
-
-def _tell_bell_states(feedback: Feedback, outcomes: Bytes, packed: bool) -> None:
-    missed = outcomes == NO_CLICK
-    feedback.coincidences = missed.size - int(np.count_nonzero(missed))
-    if packed:
-        feedback.dibits = dibits.pack(outcomes & dibits.LARGEST, "little")
-        feedback.missed = _packed_mask(missed)
-    else:
-        feedback.outcomes = outcomes.tobytes()
-
-
-def _packed_mask(mask: Mask) -> bytes:
-    """Return a mask as bits, the first in the highest bit of its byte; nothing if it has none."""
-    return np.packbits(mask).tobytes() if mask.any() else b""
-
-
-def outcome(outcomes: Bytes, names: tuple[str, ...], position: int) -> str:
-    outcome = int(outcomes[position])
-    return "no click" if outcome == NO_CLICK else names[outcome]
-
-
-def basis_and_outcome(bases: Bytes, outcomes: Bytes, position: int) -> str:
-    """Return in which basis one photon was measured, and the outcome."""
-    return f"{BASES[bases[position]]} {outcome(outcomes, ('0', '1'), position)}"
 
 
 def clicks(

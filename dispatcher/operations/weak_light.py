@@ -19,6 +19,7 @@ from dispatcher.devices.source import bell_states, misprepared
 from dispatcher.fiber.fiber_noise import obstacle
 from dispatcher.fiber.noise import (
     MEMORYLESS,
+    Depolarizing,
     Loss,
     Memoryless,
     NoiseModel,
@@ -32,12 +33,13 @@ from dispatcher.layer.weak_pairs import Pairs, WeakHalf, weak_halves
 from dispatcher.layer.weak_pulses import (
     BasesAt,
     Choices,
+    Operators,
     Photons,
     WeakPulses,
     first_of_each,
     laser_pulses,
 )
-from dispatcher.operations import emission
+from dispatcher.operations import emission, imperfections
 from dispatcher.operations.adjustment import Tap
 from dispatcher.operations.paths import Step, path_of
 from dispatcher.photon_random import PhotonRandom, PhotonsByKey, Source
@@ -93,6 +95,22 @@ def _misprepared(source: PairSource, random: PhotonRandom) -> Bytes:
     paulis = misprepared(source, random)
     assert paulis is not None
     return paulis
+
+
+def takes_paulis(layer: PhysicalLayer, block: Block) -> bool:
+    """Return whether a host can apply Paulis to a block of which no photon is drawn."""
+    waits = not block.is_new and layer.waits(block)
+    return block.weak is not None and not waits and layer.devices.noise(block.node, "gates") is None
+
+
+def apply(layer: PhysicalLayer, block: Block, packed: bytes) -> None:
+    """Apply Paulis to weak pulses, two bits for each, the first lowest."""
+    light = block.weak
+    assert light is not None
+    p = layer.devices.of(block.node).gates.one_qubit_depolarizing
+    random = imperfections.chance(layer, block)
+    noise = partial(_paulis, Depolarizing(p)) if p else None
+    light.applied.append(Operators(packed, random, noise))
 
 
 def require(layer: PhysicalLayer, name: BlockName, node: str) -> Block:
@@ -226,10 +244,11 @@ def require_capacity(layer: PhysicalLayer, block: Block) -> None:
     if block.weak is not None:
         lights = [light for _block, light in _together(layer, block)]
         photons = sum(light.count + light.most_photons(1.0) for light in lights)
-        _require_capacity(layer, block, photons)
+        require_capacity_for(layer, block, photons)
 
 
-def _require_capacity(layer: PhysicalLayer, block: Block, photons: float) -> None:
+def require_capacity_for(layer: PhysicalLayer, block: Block, photons: float) -> None:
+    """Refuse if this number of photons of a block, on average, is too large to be drawn."""
     more, live = math.ceil(photons), layer.sabot.live_qubits
     share = layer.ownership.makers.places_of(block.maker) - block.places
     if live + more > layer.max_live_qubits or share + more > layer.share:
@@ -246,7 +265,7 @@ def detect(
     """Draw the photons of weak pulses that detectors see, and measure them; return the clicks."""
     detectors = layer.devices.detectors(block.node, "measure")
     best = float(detectors.efficiencies.max())
-    _require_capacity(layer, block, light.most_photons(best))
+    require_capacity_for(layer, block, light.most_photons(best))
     photons = light.photons(best)
     if isinstance(light, WeakHalf):
         light.pairs.measured = bases

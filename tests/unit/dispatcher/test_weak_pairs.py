@@ -198,7 +198,8 @@ def network(
     encoding: str = "polarization",
 ) -> Laboratory:
     """Return a source between alice and bob, with fibres of these settings."""
-    devices = {"charlie": Device(PairSource("poisson", mean, encoding=encoding))}
+    source = PairSource("poisson", mean, encoding=encoding)
+    devices = {"charlie": Device(source, detectors=Detectors(encoding=encoding))}
     devices |= dict.fromkeys(HOSTS, Device(detectors=detectors, memory=memory))
     fibers = [
         Fiber(FiberEnd("charlie", f"charlie-q{half}"), FiberEnd(host, f"{host}-q0"), **way)
@@ -374,6 +375,8 @@ def test_pairs_of_too_many_pulses_are_not_drawn_all() -> None:
             await charlie.send({(0, 1): "charlie-q1"})
         with pytest.raises(Exception, match="make smaller blocks"):
             await charlie.bell_measure((0, 0), (0, 1))
+        with pytest.raises(Exception, match="make smaller blocks, or measure by a key"):
+            await charlie.measure((0, 0))
         await charlie.discard((0, 0))
         await charlie.discard((0, 1))
 

@@ -32,6 +32,19 @@ def test_the_other_order_has_the_first_number_in_the_lowest_bits(size: int) -> N
     assert dibits.unpack(expected, size, "little").tolist() == numbers.tolist()
 
 
+@pytest.mark.parametrize("order", ["big", "little"])
+@pytest.mark.parametrize("size", SIZES)
+def test_some_numbers_are_read_and_written_by_their_positions(
+    size: int, order: dibits.Order
+) -> None:
+    numbers = np.random.default_rng(size).integers(0, 4, size, np.uint8)
+    some = np.random.default_rng(size).permutation(size)[: size // 2]
+    assert dibits.at(dibits.pack(numbers, order), some, order).tolist() == numbers[some].tolist()
+    few = np.zeros(size, np.uint8)
+    few[some] = numbers[some]
+    assert dibits.scattered(some, numbers[some], size, order) == dibits.pack(few, order)
+
+
 def test_parts_of_an_array_are_packed_as_well() -> None:
     numbers = np.random.default_rng(1).integers(0, 4, 99, np.uint8)
     assert dibits.pack(numbers[::3]) == by_bits(numbers[::3])
