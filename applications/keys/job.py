@@ -30,7 +30,8 @@ from qmn.network.light_checks import check_light
 from qmn.options import check_ranges
 from qmn.results import result
 from qmn.results.run_folder import begin_folder
-from topologies.networks.network import Interrupted, Network, Signals, require_free
+from topologies.networks.network import Interrupted, Network, Signals
+from topologies.networks.requirements import require_free
 from topologies.system.processes.programs import Program
 from topologies.timeouts import POLL_S
 from wire.results.run_result import KeysJob

@@ -29,7 +29,8 @@ from qmn.options import BadInput, check_ranges
 from qmn.results import result
 from qmn.results.run_folder import begin_folder
 from qmn.timeouts import NETQASM_STALL_TIMEOUT_S
-from topologies.networks.network import Network, Signals, require_free
+from topologies.networks.network import Network, Signals
+from topologies.networks.requirements import require_free
 from topologies.system.processes.programs import NetworkError, Program, python
 from wire.network_time import SteppedTime
 from wire.parameters.checks import remedy

@@ -37,7 +37,8 @@ from qmn.network.light_checks import check_light
 from qmn.options import BadInput, check_ranges
 from qmn.results import result
 from qmn.results.run_folder import begin_folder
-from topologies.networks.network import Network, Signals, require_free
+from topologies.networks.network import Network, Signals
+from topologies.networks.requirements import require_free
 from topologies.system.machines.machine import Machine
 from topologies.system.processes.programs import NetworkError, Program
 from topologies.timeouts import POLL_S

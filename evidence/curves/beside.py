@@ -20,7 +20,7 @@ from evidence.curves.parameters import Values
 from evidence.curves.running import estimates
 from evidence.curves.scratch import scratch_folder
 from qmn.timeouts import SWEEP_POLL_S
-from topologies.networks.network import require_root
+from topologies.networks.requirements import require_root
 from topologies.system.namespaces import in_own_namespaces
 from topologies.system.processes.programs import ENVIRONMENT, NetworkError, cause, python
 

@@ -28,7 +28,8 @@ from hosts.stack_socket import BYTES
 from qmn.needs import Needs
 from qmn.parser import Parser
 from qmn.timeouts import MEASURE_TIMEOUT_S, RUN_TIMEOUT_S
-from topologies.networks.network import Interrupted, Network, Signals, require_root
+from topologies.networks.network import Interrupted, Network, Signals
+from topologies.networks.requirements import require_root
 from topologies.sdc import SdcTopo
 from topologies.system.processes import commands
 from topologies.system.processes.programs import NetworkError, python

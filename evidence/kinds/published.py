@@ -25,7 +25,8 @@ from qmn.options import BadInput, add_options, read
 from qmn.parser import Parser
 from qmn.requests.run_options import LiveOptions
 from qmn.results.run_folder import give_tree, make_folder, writable
-from topologies.networks.network import Interrupted, Signals, require_root
+from topologies.networks.network import Interrupted, Signals
+from topologies.networks.requirements import require_root
 from topologies.system.processes.programs import NetworkError
 from views.live.beside import page_of_command
 from wire.parameters.option import option

@@ -40,7 +40,8 @@ from qmn.parser import Parser, listed
 from qmn.printable_text import console_of_output
 from qmn.requests.run_options import LiveOptions
 from qmn.results.run_folder import give_tree
-from topologies.networks.network import Interrupted, Signals, require_root
+from topologies.networks.network import Interrupted, Signals
+from topologies.networks.requirements import require_root
 from topologies.system.processes.programs import NetworkError
 from views.live.beside import page_of_command
 from wire.parameters.checks import remedy

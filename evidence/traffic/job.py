@@ -29,7 +29,8 @@ from qmn.results.result import network_facts
 from qmn.results.run_folder import begin_folder
 from qmn.results.run_result import RunResult
 from topologies.description.description import Description
-from topologies.networks.network import Network, Signals, require_free
+from topologies.networks.network import Network, Signals
+from topologies.networks.requirements import require_free
 from wire.controller_lines import read_record
 from wire.metadata.vocabulary import Service
 from wire.parameters.checks import remedy

@@ -31,7 +31,8 @@ from qmn.requests.service_verbs import Verb, verb_of
 from qmn.results.run_folder import begin_folder
 from topologies.catalogue.node_kinds import node_device
 from topologies.description.description import Description
-from topologies.networks.network import Signals, require_free
+from topologies.networks.network import Signals
+from topologies.networks.requirements import require_free
 from wire.features import EMIT
 from wire.light import Role
 from wire.metadata.vocabulary import Service

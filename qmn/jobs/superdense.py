@@ -24,7 +24,8 @@ from qmn.requests.superdense import SERVICE, SuperdenseRequest
 from qmn.results.run_folder import begin_folder
 from qmn.results.timeline import MERGE_AT_MOST_BYTES, WHOLE_AT_MOST_BYTES
 from topologies.networks.captures import MAX_PACKET_BYTES
-from topologies.networks.network import Signals, require_free
+from topologies.networks.network import Signals
+from topologies.networks.requirements import require_free
 from wire.metadata.vocabulary import FEC_NAMES
 from wire.results.figures import Figures, SentFigures
 

@@ -15,7 +15,7 @@ from importlib.util import find_spec
 
 from qmn.project import project
 from qmn.timeouts import TRY_TIMEOUT_S
-from topologies.networks.network import LEAST_FILES
+from topologies.networks.requirements import LEAST_FILES
 from topologies.system import namespaces
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.processes.programs import ROOT, SETUP, NetworkError

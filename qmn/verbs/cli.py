@@ -26,7 +26,8 @@ from qmn.results import pace_row, schema
 from qmn.results.run_folder import begin_folder, give_to_invoker
 from qmn.running.metrics_targets import urls
 from qmn.scripting import QuantumNetwork, running
-from topologies.networks.network import Interrupted, require_free
+from topologies.networks.network import Interrupted
+from topologies.networks.requirements import require_free
 from topologies.system.processes.programs import NetworkError
 from topologies.system.processes.signals import interrupted_words
 from views.live.beside import live_view

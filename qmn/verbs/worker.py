@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 from qmn.needs import Needs
 from qmn.timeouts import CLUSTER_TIMEOUT_S
-from topologies.networks.network import require_root
+from topologies.networks.requirements import require_root
 from topologies.system.processes.programs import NetworkError
 
 SCHEMES = ("tcp", "tls")

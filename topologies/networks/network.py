@@ -1,7 +1,5 @@
 """One emulated network from start to end: check, start, watch, always clean up."""
 
-import os
-import resource
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
@@ -22,18 +20,23 @@ from topologies.networks.disk import DiskKeeper
 from topologies.networks.long_start import LongStart
 from topologies.networks.parallel import ParallelMininet
 from topologies.networks.placing import place
+from topologies.networks.requirements import (
+    allow_files,
+    delete_interfaces_of,
+    refuse_taken_names,
+    require_certificates,
+    require_root,
+)
 from topologies.networks.switch_watch import SwitchWatch
-from topologies.nodes import DispatcherHost, OpticalSwitch, QuantumController, QuantumHost
+from topologies.nodes import QuantumController
 from topologies.nodes.controller import is_copper_switch
 from topologies.nodes.copper import COPPER
 from topologies.nodes.gate import GATE, Start
-from topologies.nodes.tls import OPEN_VSWITCH, OPERATOR
 from topologies.system.kernel import interfaces
 from topologies.system.machines import user_space
 from topologies.system.machines.errand import Errand
 from topologies.system.machines.node import NodeElsewhere
 from topologies.system.machines.packing import unpacked
-from topologies.system.namespaces import are_own
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.processes.outputs import LostOutput
 from topologies.system.processes.programs import NetworkError, Program, stop_all
@@ -58,10 +61,6 @@ from wire.config import BadConfig
 from wire.packed_folder import Entry
 from wire.parameters.checks import remedy
 from wire.parameters.physics import BadParameter
-
-LEAST_FILES, MOST_FILES = 1_024, 65_536
-CERTIFIED = QuantumHost, DispatcherHost, OpticalSwitch
-FIRST_CONTROLLER = "c0"  # Mininet's name of it
 
 
 class Network:
@@ -448,86 +447,3 @@ class Network:
                     f"{name} does not answer: a signal has stopped it (SIGSTOP); `kill -CONT` "
                     f"within {STOPPED_TIMEOUT_S:g} s lets such a process go on"
                 )
-
-
-def allow_files() -> None:
-    """Let this process have files open for the terminals of a thousand nodes, if it may.
-
-    Raise NetworkError if it may not even have those of a small network.
-    """
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    most = MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, MOST_FILES)
-    if most < LEAST_FILES:
-        raise NetworkError(
-            f"this process may open {most} files, a network needs {LEAST_FILES}: raise the hard "
-            f"limit (`ulimit -Hn {LEAST_FILES}`)"
-        )
-    if soft < most:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
-
-
-def require_root() -> None:
-    """Raise NetworkError for an ordinary user."""
-    if os.geteuid():
-        raise NetworkError("network namespaces and Open vSwitch need root: run it with sudo")
-
-
-def require_free(topo: Topo) -> None:
-    """Raise NetworkError, before a run makes a folder, for what it would be refused for at once.
-
-    An ordinary user, or bridges of this machine with the names of its switches.
-    """
-    require_root()
-    allow_files()
-    refuse_bridges(topo)
-
-
-def delete_interfaces_of(switches: list[str]) -> None:
-    """Delete the interfaces that switches have, and what the daemon has left that was killed."""
-    names = [name for switch in switches for name in interfaces_of(switch)]
-    interfaces.delete(*names, *([openvswitch.DATAPATH_INTERFACE] if are_own() else []))
-
-
-def interfaces_of(switch: str) -> list[str]:
-    """Return the interfaces on this machine that a switch of this name would have."""
-    names = sorted(path.name for path in interfaces.INTERFACES.iterdir())
-    return [name for name in names if name == switch or name.startswith(f"{switch}-eth")]
-
-
-def require_certificates(topo: Topo, network: Runtime) -> None:
-    """Raise NetworkError if certificates are given and one of a program is missing or wrong."""
-    if not network.settings.tls_from:
-        return
-    kinds = {name: topo.nodeInfo(name).get("cls") for name in (*topo.hosts(), *topo.switches())}
-    names = [
-        name
-        for name, kind in kinds.items()
-        if isinstance(kind, type) and issubclass(kind, CERTIFIED)
-    ]
-    for name in (
-        *names,
-        OPEN_VSWITCH,
-        FIRST_CONTROLLER,
-        *([OPERATOR] if network.settings.gnmi else []),
-    ):
-        network.authority().check(name)
-
-
-def refuse_bridges(topo: Topo) -> None:
-    """Raise NetworkError for a switch whose name is that of a bridge of this machine."""
-    taken = [] if are_own() else sorted(set(openvswitch.bridges()) & set(topo.switches()))
-    if taken:
-        raise NetworkError(
-            f"bridge {taken[0]} exists already and is not ours; "
-            f"remove it with `ovs-vsctl del-br {taken[0]}` or rename it"
-        )
-
-
-def refuse_taken_names(topo: Topo) -> None:
-    """Raise NetworkError before Mininet would delete somebody else's bridge."""
-    refuse_bridges(topo)
-    for interface in [name for switch in topo.switches() for name in interfaces_of(switch)]:
-        raise NetworkError(
-            f"interface {interface} exists already and is not ours; "
-            f"remove it with `ip link del {interface}` or rename it"
-        )

@@ -59,8 +59,8 @@ def test_a_run_that_is_refused_for_a_bridge_of_the_machine_leaves_no_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(runtime, "RUNTIME_ROOT", tmp_path / "run")
-    monkeypatch.setattr("topologies.networks.network.require_root", lambda: None)
-    monkeypatch.setattr("topologies.networks.network.are_own", lambda: False)
+    monkeypatch.setattr("topologies.networks.requirements.require_root", lambda: None)
+    monkeypatch.setattr("topologies.networks.requirements.are_own", lambda: False)
     runs = tmp_path / "runs"
     before = make_folder(runs, "sdc")
     point_latest(before)

@@ -13,7 +13,7 @@ from topologies.description.checked_graph import checked
 from topologies.description.checks import check_clashes
 from topologies.description.content import content_of
 from topologies.links.fiber import FiberLink
-from topologies.networks.network import FIRST_CONTROLLER
+from topologies.networks.requirements import FIRST_CONTROLLER
 from topologies.nodes import (
     ClassicalHost,
     ClassicalSwitch,

@@ -11,7 +11,8 @@ from typing import cast
 import pytest
 from limits import SOON_S
 
-from topologies.networks.network import Network, Signals, interfaces_of
+from topologies.networks.network import Network, Signals
+from topologies.networks.requirements import interfaces_of
 from topologies.sdc import SdcTopo
 from topologies.system.kernel import interfaces
 from topologies.system.processes.forks import ForkServer
