@@ -199,7 +199,7 @@ packages:
 browser:
 	@setup/browser
 
-# Unchanged programs that tests run over q0.
+# Unchanged programs that tests run over q0, and those that `qmn rootless` needs.
 q0-programs: | packages
 	@setup/packages apt-packages-q0.txt
 
