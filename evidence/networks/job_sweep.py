@@ -231,12 +231,12 @@ def options_of(job: str, values: Values, seed: int) -> dict[str, Any]:
 
 
 def measure(job: str, points: Sequence[Values], seed: int, runs: Path) -> Iterator[Outcome]:
-    """Measure points one after the other on one network, with a seed of its options.
+    """Measure points one after the other on one network, with a seed of the first.
 
     Raise SweepError for all that goes wrong.
     """
     first = points[0]
-    own_seed = point_seed(job, {k: v for k, v in first.items() if is_at_start(k)}, seed)
+    own_seed = point_seed(job, first, seed)  # a network beside it has another
     try:
         if job in run_sweep.WHAT:
             names = [each.name for each in grid_of(job, first).experiment.measures]

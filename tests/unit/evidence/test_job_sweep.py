@@ -2,19 +2,21 @@
 
 from math import exp, nan
 from pathlib import Path
+from typing import Any
 
 import pytest
 from recorded_run import run_of, teleported
 
 from evidence.curves import running
 from evidence.curves.estimates import NOTHING, Estimate
-from evidence.curves.experiment import Outcome
+from evidence.curves.experiment import Outcome, SweepError
 from evidence.curves.grid import Grid
 from evidence.curves.parameters import Values
 from evidence.curves.pictures import pictures
 from evidence.curves.table import opened
 from evidence.networks import job_sweep, metrics
 from evidence.networks.job_sweep import grid_of, options_of
+from topologies.system.processes.programs import NetworkError
 from wire.results.figures import MemoryFigures
 from wire.results.run_result import ServiceJob
 
@@ -58,11 +60,25 @@ def test_points_that_differ_in_the_job_alone_share_a_network() -> None:
     for group in groups:
         assert len({(values["switches"], values["node.memory.t2_s"]) for values in group}) == 1
     fractions = grid_of("qkd", {"eve": "0:0.3:120"})
-    assert [len(each) for each in fractions.experiment.groups([*fractions.points()])] == [
-        50,
-        50,
-        20,
-    ]
+    sizes = [len(each) for each in fractions.experiment.groups([*fractions.points()])]
+    assert sizes == [50, 50, 20]
+
+
+def test_networks_with_the_same_options_draw_other_numbers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grid = grid_of("qkd", {"eve": "0:0.3:120"})
+    seeds: list[int] = []
+
+    def refuse(_job: str, _folder: Path, seed: int, **_options: Any) -> None:
+        seeds.append(seed)
+        raise NetworkError("no network here")
+
+    monkeypatch.setattr(job_sweep, "start_for", refuse)
+    for points in grid.experiment.groups([*grid.points()]):
+        with pytest.raises(SweepError, match="no network here"):
+            next(job_sweep.measure("qkd", points, 1, tmp_path))
+    assert len({*seeds}) == 3
 
 
 def test_rows_are_in_the_order_of_the_grid_though_networks_end_in_another(tmp_path: Path) -> None:
