@@ -23,6 +23,7 @@ from evidence.bench.service_rates import (
     teleport_benchmarks,
 )
 from evidence.bench.stepped_time import stepped_benchmarks
+from evidence.networks.sweep_points import sweep_benchmarks
 from hosts.client import blocking_session
 from hosts.stack_socket import BYTES
 from qmn.needs import Needs
@@ -77,6 +78,8 @@ def call(arguments: argparse.Namespace) -> int:
             for name, text in overhead_benchmarks(Path(folder), signals):
                 show(name, text)
             for name, text in stepped_benchmarks(Path(folder), signals):
+                show(name, text)
+            for name, text in sweep_benchmarks(Path(folder), signals):
                 show(name, text)
             run(Path(folder), arguments.pairs, signals)
             for name, text in key_benchmarks(Path(folder), signals):
