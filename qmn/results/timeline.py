@@ -84,29 +84,41 @@ def merge(
         beside = Path(stack.enter_context(TemporaryDirectory(prefix=".", dir=target.parent)))
         captured = Captured(run, files, stack, beside)
         ordered = captured.in_order()
-        moved = captured.moved if rewrite else ()
-        with ExitStack() as outputs:
-            output = outputs.enter_context(_begin(beside / target.name))
-            writer = Writer(output, captured.interfaces, key_log(run))
-            copies = {
-                number: PcapWriter(
-                    outputs.enter_context(_begin(beside / files[number].name)),
-                    captured.interfaces[number].link_type,
-                    network_time=True,
-                )
-                for number in moved
-            }
-            for place in ordered:
-                packet = captured.packet(place)
-                if place.file in copies:
-                    copies[place.file].write(packet)
-                if place.file < captured.pcaps:
-                    packet = packet._replace(data=packet.data[:packet_bytes])
-                writer.write(packet)
+        moved = captured.moved if rewrite else set()
+        copies = {number: beside / files[number].name for number in moved}
+        _write(captured, ordered, beside / target.name, packet_bytes, copies)
         (beside / target.name).replace(target)  # first: it alone has the order within an instant
-        for number in moved:
-            (beside / files[number].name).replace(files[number])
+        for number, copy in copies.items():
+            copy.replace(files[number])
     return target
+
+
+def _write(
+    captured: "Captured",
+    ordered: Iterator[Place],
+    target: Path,
+    packet_bytes: int | None,
+    copies: dict[int, Path],
+) -> None:
+    """Write a timeline, and copies of captures, by their number, on the network's clock."""
+    with ExitStack() as stack:
+        output = stack.enter_context(_begin(target))
+        writer = Writer(output, captured.interfaces, key_log(captured.run))
+        writers = {
+            number: PcapWriter(
+                stack.enter_context(_begin(file)),
+                captured.interfaces[number].link_type,
+                network_time=True,
+            )
+            for number, file in copies.items()
+        }
+        for place in ordered:
+            packet = captured.packet(place)
+            if place.file in writers:
+                writers[place.file].write(packet)
+            if place.file < captured.pcaps:
+                packet = packet._replace(data=packet.data[:packet_bytes])
+            writer.write(packet)
 
 
 class Captured:
@@ -114,7 +126,7 @@ class Captured:
 
     def __init__(self, run: Path, files: Sequence[Path], stack: ExitStack, beside: Path) -> None:
         """Open them; notes are put into a folder meanwhile."""
-        self._run, self._stack, self._beside = run, stack, beside
+        self.run, self._stack, self._beside = run, stack, beside
         self._files = [stack.enter_context(file.open("rb")) for file in files]
         self._readers = [
             PcapReader(opened)
@@ -136,7 +148,7 @@ class Captured:
         rewritten = {n for n, reader in enumerate(self._readers) if reader.network_time}
         if not rewritten:
             return self._sorted(chain.from_iterable(parts))
-        timeline = self._run / TIMELINE
+        timeline = self.run / TIMELINE
         if not timeline.exists():
             raise NoCaptures(
                 f"{timeline} is gone, which had the order of packets that have one time; without "
@@ -166,7 +178,7 @@ class Captured:
             same = reader.interfaces == self.interfaces
             if same and not any(next(part, None) for part in parts):
                 return
-        raise MalformedPacket(f"{self._run / TIMELINE} is not of the captures beside it")
+        raise MalformedPacket(f"{self.run / TIMELINE} is not of the captures beside it")
 
     def packet(self, place: Place) -> Packet:
         data = os.pread(self._files[place.file].fileno(), place.size, place.offset)
