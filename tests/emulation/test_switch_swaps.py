@@ -39,7 +39,7 @@ QUISP = json.loads((ROOT / "labs" / "quisp" / "figures.json").read_text())
 NOISY_SWAP = "swap-F-0.9-gate-0.96-readout-0.98"
 FIDELITY = 0.92  # of each source, of Werner pairs
 VISIBILITY = 0.9
-# Of blocks whose heralds or outcomes came while no agent was there.
+# Of blocks that wait in vain, or whose heralds or outcomes no agent was there to send.
 UNHEARD = "released it from the memory|no outcomes of|frames of others were lost"
 
 
@@ -382,7 +382,7 @@ def require_waits_of_switches(log: Path, asked: dict[str, Any]) -> None:
         assert abs(waited_ms - 1e3 * mean_s) < 0.02 * waited_ms
 
 
-def test_failed_analysers_restarted_agents_and_killed_controllers_end_sessions_by_name(
+def test_failed_parts_entries_agents_and_controllers_that_end_name_the_end_of_sessions(
     tmp_path: Path,
 ) -> None:
     with nothing_left(), running(lambda: Line(2), tmp_path) as network:
@@ -393,6 +393,13 @@ def test_failed_analysers_restarted_agents_and_killed_controllers_end_sessions_b
         wait_until(lambda: "1 of 2 switches" in refusal(network), "c0 knows it", 10)
         inject(config, "q2", Repair())
         wait_until(lambda: not refusal(network), "c0 knows that, too", 10)
+        with ended(network, UNHEARD):
+            inject(config, "q1", Failed(62_001))  # a source: its next halves are not made
+        inject(config, "q1", Repair())
+        wait_until(lambda: not refusal(network), "q1's source is whole", 10)
+        with ended(network, UNHEARD):
+            shell(["ovs-ofctl -O OpenFlow14 del-flows q2 in_port=61001"])  # while a pair waits
+        wait_until(lambda: not refusal(network), "the next chain has its entry", 10)
         with ended(network, UNHEARD), restarted_agent(network, "q1"):
             pass
         wait_until(lambda: not refusal(network), "c0 has q1 again", 10)
