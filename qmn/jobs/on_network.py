@@ -24,11 +24,9 @@ from qmn.results.run_result import RunResult
 from qmn.running.dispatcher_calls import status
 from topologies.networks.network import Network, Signals
 from wire.controller_lines import read_record
-from wire.metadata.vocabulary import Reason
 from wire.registered import STANDING_JOBS, Registry
 from wire.results.run_result import Job
 
-OUTCOMES = (Reason.TOO_NOISY.name,)  # of sessions that have ended as they should
 STANDING = Registry[Any](STANDING_JOBS, callable, {})  # jobs that are no services
 NOT_TAPPED = "this network has eve on its fibre: say eve=0 if she is to do nothing"
 
@@ -106,7 +104,7 @@ def run(
         planned.perform()
         facts.delivered = True
     except TransferError as error:
-        if error.reason not in OUTCOMES:
+        if not error.is_outcome:
             raise
         facts.error = str(error)
     note_light(facts, network, before)

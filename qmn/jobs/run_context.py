@@ -37,6 +37,7 @@ from topologies.system.processes.signals import interrupted_words
 from views.live.beside import live_view
 from views.live.pages import Pages
 from views.report.beside import Draw, report_beside
+from views.report.sentences import of_eve
 from wire.dispatcher_pb2 import StatusReply
 from wire.results.run_result import Approximated, EarlyNews, Job
 
@@ -135,7 +136,7 @@ def _running(
             description.build,
             runtime,
             context.signals,
-            lambda cause: console.print(f"ending: {cause}", soft_wrap=True),
+            partial(_say_cause, console),
             partial(console.print, soft_wrap=True),
             run.packet_bytes,
         ) as network,
@@ -154,6 +155,12 @@ def _running(
                 raise
         note_light(facts, network)
     note_files(facts, network)
+
+
+def _say_cause(console: Console, cause: Exception) -> None:
+    """Print why a network ends; the end of the run prints the outcome of a job."""
+    if not (isinstance(cause, TransferError) and cause.is_outcome):
+        console.print(f"ending: {cause}", soft_wrap=True)
 
 
 def _announce_start(context: RunContext, facts: RunResult) -> None:
@@ -232,7 +239,8 @@ def ending(
                 complete(facts, folder)
                 ended.report = _report(folder, facts, draw)
                 if fault is not None and facts.network is not None:
-                    fault.add_note(f"report to look at: {ended.report}")
+                    notes = of_eve(facts), f"report to look at: {ended.report}"
+                    fault.add_note("\n".join(filter(None, notes)))
                 give_to_invoker(folder)
 
 

@@ -10,8 +10,11 @@ from topologies.networks.network import Network
 from topologies.system.processes.programs import NetworkError, Program
 from topologies.timeouts import POLL_S
 from wire.controller_lines import read_record
+from wire.metadata.vocabulary import Reason
 from wire.network_time import NetworkTime
 from wire.results.time_series import Line, fields_of
+
+OUTCOMES = (Reason.TOO_NOISY.name,)  # of sessions that have ended as they should
 
 
 class TransferError(Exception):
@@ -21,6 +24,10 @@ class TransferError(Exception):
         """`reason` is the name of that of the session, if it gave one."""
         super().__init__(text)
         self.reason = reason
+
+    @property
+    def is_outcome(self) -> bool:
+        return self.reason in OUTCOMES
 
 
 class Lines:

@@ -15,6 +15,7 @@ from qmn.results.service_result import RECEIVED as RECEIVED
 from topologies.links.fiber import FiberLink
 from topologies.networks.network import Network
 from topologies.system.runs.runtime import EVENT_LOG, RECORD
+from views.report.sentences import of_eve, sentence
 from wire.controller_lines import read_record
 from wire.dispatcher_record import has_ended
 from wire.metadata.vocabulary import Reason
@@ -219,8 +220,14 @@ def rows_of_every_run(facts: RunResult, folder: Path, report: str) -> dict[str, 
 
 
 def show(console: Console, facts: RunResult, folder: Path, report: str) -> None:
-    of_service, common = service_result.rows(facts.job), rows_of_every_run(facts, folder, report)
-    print_rows(console, {**of_service, **common})
+    common = rows_of_every_run(facts, folder, report)
+    print_rows(console, {**_sentences(facts), **service_result.rows(facts.job), **common})
+
+
+def _sentences(facts: RunResult) -> dict[str, str]:
+    """Return the result in words, and what an eavesdropper did."""
+    texts = {} if facts.message is not None else {"result": sentence(facts)}
+    return texts | ({"eve": eve} if (eve := of_eve(facts)) else {})
 
 
 def print_rows(console: Console, rows: dict[str, str]) -> None:

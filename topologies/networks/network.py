@@ -74,7 +74,7 @@ class Network:
         topo: Callable[[], Topo],
         settings: Runtime,
         signals: Signals,
-        tell: Callable[[str], None] | None = None,
+        tell: Callable[[Exception], None] | None = None,
         say: Callable[[str], None] | None = None,
         packet_bytes: int = 0,
     ) -> None:
@@ -137,7 +137,7 @@ class Network:
         """Report what ends the network; the terminal may be what is lost."""
         if self._tell is not None and isinstance(cause, Exception):
             with suppress(LostOutput, OSError):
-                self._tell(str(cause))
+                self._tell(cause)
 
     def _start(self) -> None:
         require_root()
@@ -238,7 +238,9 @@ class Network:
         programs = list(self.runtime.programs)
         limit_s = READY_TIMEOUT_S + PROGRAM_S * len(programs)
         for program in programs:
-            program.wait_for("ready", limit_s, partial(self._check_start, program.name))
+            program.wait_for(
+                "ready", limit_s, partial(self._check_start, f"{program.name} to start")
+            )
             self._signals.check()
         finding = "the controller to find switches and fibres"
         Discovery(self.net, self.runtime).wait(partial(self._check_start, finding))

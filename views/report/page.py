@@ -11,7 +11,7 @@ from qmn.printable_text import printable
 from qmn.results.result import size_text
 from qmn.results.run_folder import REPORT
 from qmn.results.run_result import RunResult
-from qmn.results.service_result import number_text
+from qmn.results.service_result import label, number_rows
 from views.report import figures
 from views.report.first_photons import first_photons
 from views.report.light_paths import fiber_name, light_paths, photons_by_port
@@ -28,14 +28,12 @@ from wire.results.run_result import KeysJob, LoadJob, NetqasmJob
 MAIN = frozenset(
     {
         *("accepted", "alarm", "blocked", "carried_erlang", "error_rate", "fidelity"),
-        *("fidelity_at_least", "fidelity_error", "fidelity_high", "fidelity_low", "file_intact"),
-        *("key_bits", "key_bits_per_s", "keys", "keys_per_s", "keys_used", "mean_rad"),
-        *("pairs", "pairs_per_s", "photons", "qber", "qber_highest", "qber_x", "score"),
-        *("sessions", "setup_p50_s", "sifted_bits", "states", "states_per_s", "sum_error_rad"),
-        *("sum_rad", "visibility", "waited_ms"),
+        *("fidelity_at_least", "file_intact", "key_bits", "key_bits_per_s", "keys", "keys_per_s"),
+        *("keys_used", "mean_rad", "pairs", "pairs_per_s", "photons", "qber", "qber_highest"),
+        *("qber_x", "score", "sessions", "setup_p50_s", "sifted_bits", "states", "states_per_s"),
+        *("sum_error_rad", "sum_rad", "visibility", "waited_ms"),
     }
 )
-UNITS = {"_per_s": "/s", "_s": " (s)", "_ms": " (ms)", "_rad": " (rad)"}
 MOST_NAMED = 8  # hosts in a title
 LAST_COUNTS = "Counts are the sender's; figures may include later events."
 # Of a page that has no script: a run may be another person's.
@@ -94,7 +92,7 @@ def _outcome(run: RunFacts) -> str:
 
 
 def _every_figure(figures: Figures) -> str:
-    rows = [[_label(name), _cell(value)] for name, value in vars(figures).items()]
+    rows = [[label(name), _cell(value)] for name, value in vars(figures).items()]
     made = table(["figure", "value"], rows, "parameters")
     return f"<details><summary>All figures</summary>{made}</details>" if rows else ""
 
@@ -108,21 +106,7 @@ def _numbers(figures: Figures) -> dict[str, str]:
             "lost pairs": f"{figures.lost_pairs:,}",
             "symbol error rate": "–" if rate is None else f"{rate:.3g}",  # noqa: RUF001
         }
-    numbers = {n: number_text(value) for n, value in vars(figures).items() if n in MAIN}
-    low, high = numbers.pop("fidelity_low", None), numbers.pop("fidelity_high", None)
-    if numbers.pop("fidelity_error", None):
-        numbers["fidelity"] += f" ± {vars(figures)['fidelity_error']:.1g}"
-    elif low and high and vars(figures)["fidelity"] is not None:
-        numbers["fidelity"] += f" ({low} to {high})"
-    return {_label(name): text for name, text in numbers.items()}
-
-
-def _label(name: str) -> str:
-    for suffix, unit in UNITS.items():
-        if name.endswith(suffix):
-            name = name.removesuffix(suffix) + unit
-            break
-    return name.replace("_", " ").replace("qber", "QBER")
+    return number_rows(figures, MAIN)
 
 
 def _sections(run: RunFacts) -> Iterator[str]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from netqasm.examples import apps
-from recorded_run import message_run, sent
+from recorded_run import message_run, sent, service_run, teleported
 from rich.console import Console
 
 from applications.keys import job as keys
@@ -31,7 +31,7 @@ from qmn.results.run_result import RunResult
 from topologies.networks.network import Signals
 from topologies.system.processes.programs import NetworkError
 from wire.network_time import NetworkTime
-from wire.results.figures import StoredKeyFigures, TunnelFigures
+from wire.results.figures import EveFigures, PairFigures, StoredKeyFigures, TunnelFigures
 from wire.results.run_result import Approximated, ServiceJob
 
 
@@ -64,6 +64,40 @@ def test_a_person_is_told_what_was_lost_and_what_was_missed(tmp_path: Path) -> N
         "pairs/s 6,172 (2.00 s)",
         f"captures {tmp_path}/*.pcap, 4,321 packets missed",
     } <= set(lines)
+
+
+PAIRS: dict[str, Any] = {"session": "0a", "pairs": 500, "emitted": 585, "sampled": 85}
+PAIRS |= {"fidelity": 0.95, "fidelity_low": 0.93, "fidelity_high": 0.96, "attempts": 0}
+PURIFIED = ["rounds of purification 3", "pairs compared 6", "pairs purified 2"]
+
+
+@pytest.mark.parametrize(("rounds", "purified"), [((0, 0, 0), []), ((3, 6, 2), PURIFIED)])
+def test_figures_have_words_units_and_intervals(
+    tmp_path: Path, rounds: tuple[int, int, int], purified: list[str]
+) -> None:
+    """Counts of purification are there if there was any, names for programs never."""
+    of_rounds = dict(zip(("rounds", "compared", "survived"), rounds, strict=True))
+    found = PairFigures(**PAIRS, **of_rounds, elapsed_s=0.5, pairs_per_s=1_000.0)
+    facts, text = service_run(found, "distribute"), StringIO()
+    facts.delivered = True
+    show(Console(file=text, width=200), facts, tmp_path, "r")
+    lines = [" ".join(line.split()) for line in text.getvalue().splitlines()]
+    assert lines[: lines.index("pairs/s 1,000") + 1] == [
+        "result 500 pairs of alice and bob, with fidelity 0.950 (0.930 to 0.960)",
+        *["pairs 500", "pairs made 585", "pairs sampled 85", "fidelity 0.95 (0.93 to 0.96)"],
+        *purified,
+        *["duration (s) 0.5", "pairs/s 1,000"],
+    ]
+
+
+def test_a_person_is_told_what_an_eavesdropper_took_and_knows(tmp_path: Path) -> None:
+    """Half of her bases are right, and in the others half of the bits come out wrong."""
+    facts, text = service_run(teleported(), "bb84"), StringIO()
+    assert isinstance(facts.job, ServiceJob)
+    facts.delivered, facts.job.eve = True, EveFigures(photons=1_000, measured=200)
+    show(Console(file=text, width=200), facts, tmp_path, "r")
+    assert "Eve measured 200 of 1,000 photons (20.0 %)" in text.getvalue()
+    assert "she knows 10.0 % of the sifted bits, and makes 5.0 % of them wrong" in text.getvalue()
 
 
 def test_a_person_is_told_what_is_approximated_and_by_how_much(tmp_path: Path) -> None:
@@ -227,6 +261,7 @@ def test_the_status_of_a_tunnel_says_whether_its_file_is_there(
 
     def leave(*given: Any) -> None:
         reports: dict[str, Any] = {"file_intact": intact, "elapsed_s": 1.0}
+        reports |= {"received_bytes": 0, "keys_used": 2}
         if intact is not None:
             given[-1].asking = TunnelFigures(**reports)
 
