@@ -6,6 +6,7 @@ Below them residuals, where there is theory: how many standard errors each point
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from textwrap import fill
 from typing import NamedTuple
 
 import matplotlib as mpl
@@ -20,6 +21,7 @@ from evidence.curves.parameters import Parameter, Value, Values
 
 LINE_POINTS = 200
 MAX_SERIES = 12
+TITLE_LETTERS = 64  # of a line
 MARKERS = "osD^vP*X<>hd"
 LEGEND_INSIDE = 6
 PREFIXED_UNITS = ("s", "Hz")  # written as ns or MHz
@@ -65,9 +67,15 @@ class Picture:
     limits: Sequence[Limit] = field(default=())
 
 
-@mpl.rc_context({"font.size": 10, "axes.grid": True, "grid.alpha": 0.3})
 def draw(picture: Picture, *files: Path) -> None:
     """Write the figure, as the ends of the files' names say."""
+    figure = drawn(picture)
+    for file in files:
+        figure.savefig(file, dpi=DOTS_PER_INCH)
+
+
+@mpl.rc_context({"font.size": 10, "axes.grid": True, "grid.alpha": 0.3})
+def drawn(picture: Picture) -> Figure:
     apart = residuals(picture)
     width, height = SIZE_INCHES
     figure = Figure(figsize=(width, height * (RESIDUALS if apart else 1)), layout="constrained")
@@ -83,15 +91,14 @@ def draw(picture: Picture, *files: Path) -> None:
         axes.axhline(level, color="k", linestyle=":", linewidth=LINE_WIDTH, label=label)
     for limit, style in zip(picture.limits, LIMIT_STYLES, strict=False):
         axes.plot(*zip(*limit.points, strict=True), f"k{style}", label=limit.label)
-    axes.set_title(picture.title)
+    axes.set_title(fill(picture.title, TITLE_LETTERS))
     (below or [axes])[-1].set_xlabel(picture.x_label)
     for panel in below:
         _draw_residuals(panel, picture, apart)
     axes.set_ylabel(picture.measure.label)
     _scale(axes, picture)
     _draw_legend(figure, axes, lines)
-    for file in files:
-        figure.savefig(file, dpi=DOTS_PER_INCH)
+    return figure
 
 
 def _draw_marks(axes: Axes, marks: Sequence[Mark]) -> None:
