@@ -14,6 +14,7 @@ import networkx
 from qmn.network.description import NetworkDescription
 from qmn.network.light_checks import making
 from qmn.network.part_options import is_pattern, place_and_name
+from qmn.network.topologies import MAP
 from qmn.options import BadInput
 from topologies.description.description import Description
 from wire.features import EMIT, HERALD, INTERFERE, MEASURE, STORE
@@ -58,6 +59,8 @@ BESIDES = {
     (Service.SDC, Role.OPENER): PAULIS | _of("memory"),
     (Service.SDC_RETURN, Role.OPENER): PAULIS | _of("memory"),
 }
+# What a map gives all its hosts, whether a job measures there or not:
+OF_MAPS: Settings = frozenset({"analyser.delay_line_km", "analyser.delay_line_db_per_km"})
 EVE = "eve"  # passes light on
 NODES = {"fiber": "fibre", "switch": "quantum switch"}
 INSTEAD = {**dict.fromkeys(OF_PAIRS, "preparation_error"), "source.preparation_error": "fidelity"}
@@ -208,12 +211,13 @@ def checked_settings(job: str, felt: Felt, network: NetworkDescription) -> Netwo
         elif setting not in felt.devices.get(host, ()):
             raise BadInput(f"--device {word}: {_unfelt(job, host, setting, felt)}")
     _check_fibers_and_switches(job, felt, network)
+    silent = OF_MAPS if options.topology == MAP else frozenset()
     unused = (
         f"{host}.{part}.{name}"
         for host, settings in felt.devices.items()
         for part, names in parts.hosts[host].to_dict().items()
         for name in names
-        if f"{part}.{name}" not in settings
+        if f"{part}.{name}" not in settings | silent
     )
     return replace(network, unused_settings=tuple(unused))
 

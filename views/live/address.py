@@ -18,6 +18,7 @@ import webbrowser
 from collections.abc import Coroutine
 from contextlib import suppress
 from dataclasses import dataclass
+from errno import EADDRINUSE
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any
@@ -61,7 +62,13 @@ def place_given() -> Place | None:
 def listen(place: Place) -> tuple[SharedListener, int]:
     """Return a socket that listens there, and the port of the page; OSError if it is taken."""
     if place.socket is None:
-        listener = SharedListener(machine_listener(LOOPBACK, place.port))
+        try:
+            listener = SharedListener(machine_listener(LOOPBACK, place.port))
+        except OSError as error:
+            if error.errno != EADDRINUSE:
+                raise
+            taken = f"port {place.port} of {LOOPBACK} is taken: choose another one by --port"
+            raise OSError(taken) from error
         return listener, listener.getsockname()[1]
     place.socket.unlink(missing_ok=True)
     listener = SharedListener(socket.create_server(str(place.socket), family=socket.AF_UNIX))

@@ -242,6 +242,15 @@ def test_settings_of_presets_that_a_job_does_not_feel_are_named() -> None:
     assert not any(each.startswith("charlie.") for each in unused)  # who takes no part
 
 
+def test_what_a_map_gives_all_its_hosts_is_not_named() -> None:
+    """Its delay lines, which BB84 does not use; of a preset's analysers the rest is named."""
+    ends = {"sender": "rm1", "receiver": "mi1", "topology": "map", "map": "garr"}
+    assert checked(service_request("bb84", **ends))[1].unused_settings == ()
+    unused = checked(service_request("bb84", preset="lab", **ends))[1].unused_settings
+    assert "rm1.source.fidelity" in unused
+    assert not any("delay_line" in each for each in unused)
+
+
 @pytest.mark.parametrize("service", ["sdc", "netqasm"])
 def test_a_job_of_another_kind_checks_its_settings(service: str, tmp_path: Path) -> None:
     (tmp_path / "app_alice.py").write_text("def main(app_config): pass")

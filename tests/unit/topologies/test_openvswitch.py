@@ -61,6 +61,20 @@ def test_without_namespaces_that_of_the_machine_must_run(
         openvswitch.start(lambda name: Program(name, Path("/dev/null")))
 
 
+def test_a_command_without_that_of_the_machine_says_how_to_start_it(
+    install: Install, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in Mininet's own program; where it runs, the command's own words are kept."""
+    install("ovs-vsctl", "echo cannot do it >&2; exit 1")
+    monkeypatch.setattr(namespaces, "are_own", lambda: False)
+    with pytest.raises(NetworkError, match="start it by `sudo service openvswitch-switch start`"):
+        openvswitch.vsctl("add-br", "s1")
+    openvswitch.SOCKET.parent.mkdir()
+    openvswitch.SOCKET.touch()
+    with pytest.raises(NetworkError, match="cannot do it"):
+        openvswitch.vsctl("add-br", "s1")
+
+
 def test_one_that_cannot_start_says_why(install: Install, tmp_path: Path) -> None:
     install("ovs-vsctl", "exit 0")
     install("ovsdb-tool", "exit 0")

@@ -7,6 +7,7 @@ import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -29,7 +30,7 @@ from qmn.__main__ import described as parser
 from qmn.timeouts import LIVE_LIST_S, LIVE_SELDOM_S
 from topologies.system.processes.programs import ROOT
 from views.live import acts, pace
-from views.live.address import Place, place_given
+from views.live.address import Place, listen, place_given
 from views.live.layout import placed
 from views.live.pages import Pages
 from views.live.server import AT_ONCE, PAGE
@@ -342,6 +343,13 @@ def test_in_a_container_the_page_is_where_its_environment_says(
     monkeypatch.setenv("QMN_LIVE_SOCKET", "/live/socket")
     monkeypatch.setenv("QMN_LIVE_PORT", "8000")
     assert place_given() == Place(8000, Path("/live/socket"))
+
+
+def test_a_port_that_is_taken_is_named_with_the_remedy() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(OSError, match=f"^port {port} of 127.0.0.1 is taken: .* --port$"):
+            listen(Place(port))
 
 
 def test_a_network_of_a_command_finds_its_place_in_the_folder_of_that(

@@ -39,8 +39,8 @@ LOGGING = ["-vsyslog:off", "-vfile:off"]  # what it prints is in the log of the 
 FAST_MEMORY = ["env", "GLIBC_TUNABLES=glibc.malloc.tcache_count=2048"]
 NO_WAIT = "--no-wait"  # for the switch daemon: what is only asked for is in the database
 NOT_RUNNING = (
-    "Open vSwitch does not run on this machine: start it, as by `systemctl start "
-    "openvswitch-switch`, or run the program by `qmn script`, which brings its own"
+    "Open vSwitch does not run on this machine: start it by `sudo service "
+    "openvswitch-switch start`, or run the program by `qmn script`, which brings its own"
 )
 
 _own: dict[str, Program] = {}  # the daemons of the run's own, by name
@@ -159,6 +159,8 @@ def _naming_a_daemon(needed: Sequence[str]) -> Iterator[Callable[[], None]]:
         yield check
     except NetworkError as error:
         require_alive()
+        if not (namespaces.are_own() or SOCKET.exists()):
+            raise NetworkError(NOT_RUNNING) from error
         if silent := next((daemon for daemon in watched if daemon.stopped), None):
             raise NetworkError(_silence(silent)) from error
         raise
