@@ -172,13 +172,20 @@ def test_a_key_session_shows_its_error_rate_its_limit_and_eve(
         expect(shown).to_contain_text("100 bits of secret key so far, QBER 3.0 % (2.1 to 4.3 %)")
         expect(shown.locator(".curves canvas")).to_have_count(2)
         detail = "Z=51 X=49: 0=48 1=52"
-        taken = {"session": SESSION, "block": 0, "half": 0, "photons": 100, "detail": detail}
-        tell(view, 4.0, "resend", "charlie", **taken)
+        for number in (0, 1):
+            block = {"session": SESSION, "block": number, "half": 0, "photons": 100}
+            tell(view, 4.0, "create", "alice", **block)
+            tell(view, 4.0, "arrive", "charlie", **block)
+            tell(view, 4.0, "resend", "charlie", **block, detail=detail)
+            tell(view, 4.0, "arrive", "bob", **block, lost=40)
         expect(shown.locator(".eve")).to_have_text(
-            "charlie has measured 100 of 100 photons (100.0 %) and sent on the outcomes. "
+            "charlie has measured 200 of 200 photons (100.0 %) and sent on the outcomes. "
             "She so knows 50.0 % of the sifted bits, and makes 25.0 % of them wrong."
         )
         expect(page.locator(".node.eve")).to_have_count(1)
+        cells = page.locator("#sessions tbody tr").first.locator("td")
+        expect(cells.nth(7)).to_have_text("120")  # photons arrived, of 200: each of them once
+        expect(cells.nth(8)).to_have_text("40.0")  # lost (%)
         expect(shown.locator("#photons")).to_have_text("twenty")
         noisy = {"qber": 0.26923, "qber_low": 0.2135, "qber_high": 0.3333}
         view.timeline.add("job", START_NS + 5 * 10**9, {**figures, **noisy})

@@ -22,12 +22,12 @@ export function send(state, m) {
 }
 
 // A block has come as a whole; its photons came one after the other since it was sent.
-export function arrive(state, m, here) {
+export function arrive(state, m, here, goesOn) {
   const photons = m.photons ?? 0, lost = m.lost ?? 0;
   const flight = state.flights.get(block(m)), began = flight?.t ?? m.t, made = state.made.get(`${m.session} ${m.block}`);
   state.flights.delete(block(m));
   flow(state, m, m.t - began);
-  spread(state, began, m.t, { arrived: photons - lost, lost });
+  if (!goesOn) spread(state, began, m.t, { arrived: photons - lost, lost });
   if (!made) return;
   here.came += made.pairs;
   here.began ??= made.t;

@@ -66,10 +66,12 @@ function event(state, m) {
     case "send":
       send(state, m);
       break;
-    case "arrive":
-      if (here) here.arrived += count, here.lost += m.lost ?? 0;
-      arrive(state, m, here);
+    case "arrive": {
+      const goesOn = m.node in state.eve; // light that an eavesdropper sends on has not arrived
+      if (here && !goesOn) here.arrived += count, here.lost += m.lost ?? 0;
+      arrive(state, m, here, goesOn);
       break;
+    }
     case "bell-measure":
       for (const [text, number] of m.detail.matchAll(OUTCOME)) {
         const name = text.split("=")[0];
@@ -92,6 +94,7 @@ function event(state, m) {
       break;
     case "resend":
     case "split":
+      if (here && !(m.node in state.eve)) here.arrived -= count, here.lost -= m.lost ?? 0; // counted when it came
       intercepted(state, m);
       break;
     case "tune":
