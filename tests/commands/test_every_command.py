@@ -65,6 +65,7 @@ NOT_HERE = {
     ),
     r"qmn> .* swap 9": "tests/emulation/test_switch_swaps.py",
     rf"{re.escape(MININET)}.*light=standing": "tests/emulation/test_own_controller.py",
+    r"qmn netqasm bell ": "tests/unit/applications/test_bundled_applications.py",
     r"cat > bell\.qasm|qmn .*bell\.qasm": "tests/unit/qmn/test_pages.py, with that file",
     r"sudo service openvswitch-switch start": "set-up: `qmn` itself looks for Open vSwitch",
     r"apt install \./qmn_|python3 -m venv ~/qmn|(sudo )?~/qmn/bin/": (
