@@ -27,7 +27,7 @@ QKD = Verb(
     keys=True,
     hand_out="applications.key_distribution.key_handout:key_handout",
 )
-SEAL = Verb("watch a fibre by entangled pairs", "compared", eavesdropper=True, source=True)
+SEAL = Verb("watch a fibre with entangled pairs", "compared", eavesdropper=True, source=True)
 SENSE = Verb(
     "estimate the sum of phases at several hosts, by GHZ states or by separate probes",
     "states",

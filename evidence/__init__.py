@@ -2,7 +2,7 @@
 
 VERBS = {
     "use the simulator alone": {
-        "replay": ("evidence.replay.verb", "do again what a run's dispatcher did, and compare"),
+        "replay": ("evidence.replay.verb", "repeat the work of a run's dispatcher, and compare"),
     },
     "make experiments": {
         "lab": ("evidence.verb", "demos, published results, curves, sweeps, attacks, benchmarks"),

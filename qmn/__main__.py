@@ -32,17 +32,17 @@ OWN: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
         "start a network": {
             "run": "start a network and do its job",
-            "cli": "a network with a command line",
+            "cli": "start a network with a command line",
             "script": "run a Python script, which may start networks",
-            "worker": "offer this machine to networks over several",
+            "worker": "offer this machine to networks that span several",
             "rootless": "another verb, without root of this machine",
         },
         "look at a network, or at a run": {
-            "enter": "a shell, or a command, inside a network that runs",
+            "enter": "open a shell, or run a command, in a running network",
         },
         "change a running network": {
             "send": "send a text as light",
-            "set": "links, fibres, faults, eavesdroppers, settings, policy",
+            "set": "change links, fibres, faults, eavesdroppers, settings, policy",
         },
         "use the simulator alone": {},
         "look after this machine": {

@@ -6,9 +6,9 @@ VERBS = {
         "paths": ("views.verbs.paths", "show light paths and fibres"),
         "keys": ("views.verbs.keys", "show key links and relays"),
         "spy": ("views.verbs.spy", "show what happens to the qubits"),
-        "wireshark": ("views.verbs.wireshark", "look at a run in Wireshark"),
-        "runs": ("views.verbs.runs", "list, compare, prune and give away runs"),
-        "live": ("views.verbs.live", "see it in the browser"),
+        "wireshark": ("views.verbs.wireshark", "open a run in Wireshark"),
+        "runs": ("views.verbs.runs", "list, compare, prune and share runs"),
+        "live": ("views.verbs.live", "show it in the browser"),
         "report": ("views.verbs.report", "rebuild the report of a run"),
     },
 }

@@ -30,7 +30,9 @@ class SealOptions(ServiceOptions):
     block_pairs: int = option(
         1024, "pairs in a block (1024)", metavar="N", range=(1, MAX_BLOCK_PAIRS)
     )
-    rate_hz: int = option(100_000, "of the source (100000)", metavar="HZ", range=(1, MAX_RATE_HZ))
+    rate_hz: int = option(
+        100_000, "rate of the source (100000)", metavar="HZ", range=(1, MAX_RATE_HZ)
+    )
     whole_error: float = option(
         0.01,
         "part of the pairs that differ without an eavesdropper, at most (0.01)",

@@ -1,4 +1,4 @@
-"""The request of a VPN whose keys are of light."""
+"""The request of a VPN with quantum keys."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +20,7 @@ class VpnRequest:
     program: str = option(
         WIREGUARD, "what makes the tunnel (wireguard)", flag="--with", choices=PROGRAMS
     )
-    sender: str = option("alice", "that asks for keys (alice)", flag="--from", metavar="HOST")
+    sender: str = option("alice", "host that asks for keys (alice)", flag="--from", metavar="HOST")
     receiver: str = option("bob", "that has the file (bob)", flag="--to", metavar="HOST")
     rotate: float = option(2.0, "a new key so often (2)", metavar="S", range=(0.5, 3_600))
     lifetime: float = option(

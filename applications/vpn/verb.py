@@ -5,7 +5,7 @@ from applications.vpn.request import VpnRequest
 from qmn.jobs.start import describe_job
 from qmn.parser import Parser
 
-HELP = "a VPN whose keys are of light, with a file moving through it"
+HELP = "move a file through a VPN with quantum keys"
 
 
 def describe(parser: Parser) -> None:

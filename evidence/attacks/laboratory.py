@@ -101,7 +101,7 @@ ATTACKS: dict[str, Attack | LightAttack] = {
         is_option=True,
     ),
     "impostor-controller": Attack(
-        "orders of another controller that q1 obeys",
+        "commands of another controller that q1 obeys",
         "tls",
         impostors.impostor_controller,
         20,

@@ -71,7 +71,9 @@ class SweepOptions(LiveOptions):
 
     what: str  # an experiment, or a file that names one
     axes: Mapping[str, str]  # values of parameters, by name, as the user says them
-    emulate: bool = option(False, "over networks (root; jobs, and those of `qmn lab demo`)")
+    emulate: bool = option(
+        False, "over networks (needs root; jobs, and experiments of `qmn lab demo`)"
+    )
     seed: int | None = option(None, "of all randomness (1)")
     out: Path = option(Path("sweeps"), "(sweeps)", metavar="FOLDER")
     workers: int | None = option(

@@ -18,7 +18,7 @@ class PlaceOptions:
     GROUP: ClassVar[str] = "several machines"
     place: tuple[str, ...] = option(
         (),
-        "a host on one of them, as bob=m2 (repeatable; none: in turn)",
+        "put a host on a machine, as bob=m2 (repeatable; none: in turn)",
         metavar="HOST=MACHINE",
         recorded=False,
     )
@@ -29,14 +29,14 @@ class MachineOptions(PlaceOptions):
     GROUP: ClassVar[str] = PlaceOptions.GROUP
     machines: int = option(
         1,
-        "over this one, m1, and workers on others (1)",
+        "number of machines: this one, m1, and workers on others (1)",
         metavar="N",
         range=(1, 64),
         recorded=False,
     )
     scheduler: str = option(
         "",
-        "Dask's, of the workers (that of DASK_SCHEDULER_ADDRESS)",
+        "Dask scheduler of the workers (that of DASK_SCHEDULER_ADDRESS)",
         metavar="tcp://…",
         recorded=False,
     )

@@ -51,7 +51,7 @@ class ShapeOptions:
 @dataclass(frozen=True, kw_only=True)
 class LightOptions:
     GROUP: ClassVar[str] = "light and noise"
-    preset: str = option("ideal", "of fibres and devices (ideal)", choices=tuple(PRESETS))
+    preset: str = option("ideal", "values of fibres and devices (ideal)", choices=tuple(PRESETS))
     length_km: float | None = option(None, f"length {EVERY} (0.01)", metavar="KM")
     loss_db_per_km: float | None = option(None, f"loss {EVERY} (0)", metavar="DB")
     depolarizing: float | None = option(
@@ -74,7 +74,7 @@ class LightOptions:
     )
     node: tuple[str, ...] = option(
         (),
-        f"what all hosts are, or one: {' or '.join(NODE_KINDS)} (repeatable; docs/nodes.md)",
+        f"kind of all hosts, or of one: {' or '.join(NODE_KINDS)} (repeatable; docs/nodes.md)",
         metavar="[HOST=]KIND",
     )
     device: tuple[str, ...] = option(

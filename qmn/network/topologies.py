@@ -59,7 +59,7 @@ TOPOLOGIES: Mapping[str, Topology] = MappingProxyType(
             TreeTopo, "quantum switches in a tree, with up to 1,024 hosts", ("hosts", "switches")
         ),
         "tapped": Topology(
-            TappedTopo, "one quantum switch, with eve, who can be put on a fibre", ("both_ways",)
+            TappedTopo, "one quantum switch, and eve, who can tap a fibre", ("both_ways",)
         ),
         MAP: Topology(
             MapTopo,
@@ -157,7 +157,7 @@ def add_topology(parser: argparse.ArgumentParser, default: str = "sdc") -> None:
     """Describe --topology, and which one is meant without it."""
     names = f"{', '.join([*TOPOLOGIES, *PACKAGES])}, or {OWN}"
     text = (
-        f"over this network ({names}; default: {default}), as chain,5 or chain,switches=5; "
+        f"network ({names}; default: {default}), as chain,5 or chain,switches=5; "
         "`qmn run --help` lists the parameters"
     )
     titled(parser, NETWORK).add_argument(

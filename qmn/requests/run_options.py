@@ -28,7 +28,7 @@ class LiveOptions:
 
     live: bool = option(
         False,
-        "serve a page of the network, or of each in its turn, and say where (`qmn live`)",
+        "show each network in the browser as it runs, and print the address (`qmn live`)",
         recorded=False,
     )
     live_for_all: bool = option(
@@ -59,7 +59,7 @@ class RunOptions(LiveOptions, MachineOptions):
     qasm: bool = option(False, "write what is done to qubits to quantum.qasm", recorded=False)
     captures: str = option(
         "full",
-        "of each packet, what is captured: full, headers (its first 640 bytes), or none (full)",
+        "capture packets in full, their headers (first 640 bytes), or none (full)",
         choices=CAPTURES,
         recorded=False,
     )

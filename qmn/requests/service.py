@@ -20,7 +20,9 @@ from wire.socket_calls import ATTACKS, RESEND
 class SenderOptions:
     """The two ends, if no line of hosts names them."""
 
-    sender: str = option("alice", "that asks (alice)", flag="--from", metavar="HOST")
+    sender: str = option(
+        "alice", "host that opens the session (alice)", flag="--from", metavar="HOST"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +39,7 @@ class EavesdropperOptions:
 
     eve: float | None = option(
         None,
-        "put eve on the fibre, who attacks this fraction of the photons",
+        "put eve on the fibre; she attacks this fraction of the photons",
         metavar="FRACTION",
         range=(0.0, 1),
     )
@@ -73,12 +75,12 @@ class SwapOptions:
 
     schedule: str | None = option(
         None,
-        f"who swaps when ({PARALLEL}, or as --policy says; docs/swapping.md)",
+        f"order of the swaps ({PARALLEL}, or as --policy says; docs/swapping.md)",
         choices=SCHEDULES,
     )
     purify: int | None = option(
         None,
-        "rounds of purification of links, and of what swaps make, before they are swapped (0)",
+        "rounds of purification of pairs before each swap (0)",
         metavar="ROUNDS",
         range=(0, MAX_LEVEL_ROUNDS),
     )

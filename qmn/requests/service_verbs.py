@@ -29,12 +29,12 @@ class Verb:
 OWN: Mapping[str, Verb] = MappingProxyType(
     {
         "distribute": Verb(
-            "put pairs of a wanted fidelity into the memories of two hosts",
+            "deliver pairs of a required fidelity to the memories of two hosts",
             "pairs",
             source=True,
         ),
         "swap": Verb(
-            "put pairs into the memories of two hosts by way of quantum switches that swap",
+            "deliver pairs to the memories of two hosts by swapping in quantum switches",
             "pairs",
             topology="chain",
             scheduled=True,

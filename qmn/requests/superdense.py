@@ -21,7 +21,7 @@ class SuperdenseRequest:
 
     # The result of a run has the file of both.
     message: str | None = option(
-        None, "text to send (default: a short text of ours)", instead_of="what", recorded=False
+        None, "text to send (default: a short one)", instead_of="what", recorded=False
     )
     file: Path | None = option(None, "file to send", instead_of="what", recorded=False)
     sender: str = option("alice", "sending host (alice)", flag="--from", metavar="HOST")

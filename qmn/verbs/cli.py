@@ -80,7 +80,7 @@ class CliOptions(LiveOptions):
     runs: Path = option(Path("runs"), "where logs go (runs)", metavar="DIR")
     captures: str = option(
         "none",
-        "of each packet, what is captured: full, headers (its first 640 bytes), or none (none)",
+        "capture packets in full, their headers (first 640 bytes), or none (none)",
         choices=CAPTURES,
     )
 

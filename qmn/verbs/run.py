@@ -26,7 +26,7 @@ HOST: Declaration = {
     "flag": "--to",
     "default": "bob",
     "metavar": "HOST",
-    "help": "that is asked (bob)",
+    "help": "host that accepts the session (bob)",
 }
 
 
@@ -84,7 +84,7 @@ def _describe_service(parser: Parser, name: str, verb: Verb) -> None:
     parser.set_defaults(call=_call_service, service=name)
     if verb.protocols:
         name, *_ = verb.protocols
-        text = f"by which photons, or pairs ({name})"
+        text = f"protocol, with photons or pairs ({name})"
         titled(parser, JOB).add_argument(
             "--protocol", dest="service", choices=verb.protocols, default=name, help=text
         )
@@ -99,7 +99,7 @@ def _describe_service(parser: Parser, name: str, verb: Verb) -> None:
         words={} if verb.line else {"host": HOST},
         group=JOB,
     )
-    rate = f"of the source ({kind.rate_hz}, or as fast as the slowest source can)"
+    rate = f"rate of the source ({kind.rate_hz}, or that of the slowest source)"
     block = f"pairs in a block ({kind.block_pairs}, or what is made in {MAX_BLOCK_S:g} s)"
     words: dict[str, Declaration] = {"rate_hz": {"help": rate}, "block_pairs": {"help": block}}
     for options in parts_of(verb):

@@ -33,7 +33,7 @@ class EventSettings:
     # These have events of their own in log and capture.
     per_qubit: int = option(
         0,
-        "write an event for each of the first N photons of a block (1000), too",
+        "also write an event for each of the first N photons of a block (1000)",
         metavar="N",
         const=1000,
         range=(0, 1_000_000),
@@ -42,7 +42,7 @@ class EventSettings:
     # Which then ends, and the run goes on: a capture, and the record of the dispatcher.
     file_gib: float = option(
         8.0,
-        "GiB of each capture, and of the record, at most (8); the run goes on without more of it",
+        "most GiB of each capture, and of the record (8); the run goes on without the rest",
         metavar="GIB",
         range=(1e-6, 1e6),
     )
@@ -57,7 +57,7 @@ class EventSettings:
 class DispatcherSettings(EventSettings):
     GROUP: ClassVar[str] = SIMULATION
     backend: str = option(
-        "chp", "what simulates quantum states (chp)", choices=BACKENDS, recorded=False
+        "chp", "simulator of quantum states (chp)", choices=BACKENDS, recorded=False
     )
     # Path of a Sabot server's socket; empty: the dispatcher simulates by itself.
     sabot: str = option(
@@ -81,7 +81,9 @@ class ControllerSettings:
         30.0, "most loss of a light path (30)", metavar="DB", range=(0.0, 1_000.0)
     )
     contention: str = option(
-        "refuse", "what a request meets whose light is taken (refuse)", choices=("refuse", "queue")
+        "refuse",
+        "what happens to a request if its light is in use (refuse)",
+        choices=("refuse", "queue"),
     )
     metadata_at_switch: str = option(
         OBSERVED,
@@ -90,16 +92,14 @@ class ControllerSettings:
         choices=(REQUIRED, OBSERVED, OFF),
     )
     # Path of its file; empty: the shipped one.
-    policy: str = option(
-        "", "who may do what, in TOML (allow everything)", metavar="FILE", recorded=False
-    )
+    policy: str = option("", "policy, in TOML (allow everything)", metavar="FILE", recorded=False)
     # Empty: nowhere.
     rest: str = option(
-        "", "serve what c0 knows at this address, over HTTP", metavar="ADDRESS", recorded=False
+        "", "serve the state of c0 at this address, over HTTP", metavar="ADDRESS", recorded=False
     )
     apps: tuple[str, ...] = option(
         (),
-        "load a controller app beside ours, such as ryu.app.ofctl_rest (more than once)",
+        "load one more controller app, such as ryu.app.ofctl_rest (more than once)",
         flag="--app",
         metavar="MODULE",
         recorded=False,
@@ -112,9 +112,11 @@ class CopperSettings:
 
     GROUP: ClassVar[str] = CONTROL
     controller: str = option(
-        FRAMEWORK, f"what c0 runs on ({FRAMEWORK})", choices=FRAMEWORKS, recorded=False
+        FRAMEWORK, f"framework of c0 ({FRAMEWORK})", choices=FRAMEWORKS, recorded=False
     )
-    openflow_port: int = option(OPENFLOW_PORT, "of c0 (6653)", metavar="PORT", range=(1, 65_535))
+    openflow_port: int = option(
+        OPENFLOW_PORT, "OpenFlow port of c0 (6653)", metavar="PORT", range=(1, 65_535)
+    )
     copper_km: float | None = option(
         None,
         "length of every copper cable (that of the fibres between the same places)",
@@ -128,13 +130,13 @@ class CopperSettings:
         range=(LEAST_MBPS, MOST_MBPS),
     )
     controller_delay: str = option(
-        "", f"of c0's software {FOR_EACH} (none)", metavar="DELAY", parse=delay
+        "", f"delay of c0's software {FOR_EACH} (none)", metavar="DELAY", parse=delay
     )
     host_delay: str = option(
-        "", f"of every host's software {FOR_EACH} (none)", metavar="DELAY", parse=delay
+        "", f"delay of every host's software {FOR_EACH} (none)", metavar="DELAY", parse=delay
     )
     switch_agent_delay: str = option(
-        "", f"of every quantum switch's agent {FOR_EACH} (none)", metavar="DELAY", parse=delay
+        "", f"delay of every quantum switch's agent {FOR_EACH} (none)", metavar="DELAY", parse=delay
     )
     control_km: float | None = option(
         None,
@@ -148,10 +150,10 @@ class CopperSettings:
         metavar="P",
         range=(0.0, 0.9),
     )
-    tls: bool = option(False, "for gRPC of hosts and OpenFlow, with both ends certified")
+    tls: bool = option(False, "TLS for OpenFlow and gRPC of hosts, with certificates at both ends")
     # Path of a folder of PEM files; empty: the run makes them.
     tls_from: str = option(
-        "", "the same by certificates of your own (docs/openflow.md)", metavar="FOLDER"
+        "", "the same with your own certificates (docs/openflow.md)", metavar="FOLDER"
     )
 
 
@@ -187,7 +189,7 @@ class NetworkSettings(
     """A user's options of a network whose nodes and fibres are described already."""
 
     GROUP: ClassVar[str] = SIMULATION
-    seed: int = option(1, "of all quantum randomness (1)", range=(0, inf), recorded=False)
+    seed: int = option(1, "seed of all quantum randomness (1)", range=(0, inf), recorded=False)
 
 
 def part(kind: type[Any], settings: NetworkSettings) -> dict[str, Any]:

@@ -66,7 +66,7 @@ class SwapOptions(DistributeOptions):
 
     swaps: int = option(
         0,
-        "quantum switches that the controller has swap (all that can); 0: others program them",
+        "number of quantum switches that swap (all that can); 0: another controller programs them",
         metavar="N",
         range=(0, MOST_SWITCHES),
     )

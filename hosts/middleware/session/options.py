@@ -95,7 +95,7 @@ class SessionLight:
         16_384, "pairs in a block (16384)", metavar="N", range=(1, MAX_BLOCK_PAIRS)
     )
     rate_hz: int = option(
-        50_000_000, "of the source (50000000)", metavar="HZ", range=(1, MAX_RATE_HZ)
+        50_000_000, "rate of the source (50000000)", metavar="HZ", range=(1, MAX_RATE_HZ)
     )
 
 

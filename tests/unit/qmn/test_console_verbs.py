@@ -223,6 +223,6 @@ def test_folders_of_runs_that_have_ended_are_no_network(
     (tmp_path / "999999999").mkdir()
     (tmp_path / "lock").touch()
     with pytest.raises(
-        NoAnswer, match="no network runs on this machine; start one that stays, as with `qmn cli"
+        NoAnswer, match="no network runs on this machine: start one, for example by `qmn cli"
     ):
         ask("devices")

@@ -151,7 +151,7 @@ def test_where_no_network_runs_the_verb_says_so(tmp_path: Path) -> None:
     for root in (tmp_path, tmp_path / "nowhere"):
         with pytest.raises(
             NetworkError,
-            match="no network runs on this machine; start one that stays, as with `qmn cli",
+            match="no network runs on this machine: start one, for example by `qmn cli",
         ):
             running.dispatcher_of_running_network(root)
 

@@ -115,4 +115,4 @@ def test_a_broken_service_is_left_out_with_its_verb(tmp_path: Path) -> None:
     done = qmn(tmp_path, "run", "--help")
     assert (done.returncode, " hum " in done.stdout) == (0, False)
     assert "qmn.services: hum (greeting:HUM) is left out: " in done.stderr
-    assert "put pairs of a wanted fidelity" in done.stdout
+    assert "deliver pairs of a required fidelity" in done.stdout

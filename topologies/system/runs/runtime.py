@@ -323,7 +323,7 @@ def free_port(count: int = 1) -> int:
     )
 
 
-NONE_RUNS = "no network runs on this machine; start one that stays, as with `qmn cli sdc`"
+NONE_RUNS = "no network runs on this machine: start one, for example by `qmn cli sdc`"
 
 
 def folders_of_running(root: Path | None = None) -> list[Path]:

@@ -104,17 +104,19 @@ MAX_SAMPLE = 0.9
 class DistributeOptions(ServiceOptions):
     """`count` pairs of this fidelity to Phi+ at least."""
 
-    fidelity: float = option(0.0, "at least, to Phi+ (0: any)", metavar="F", range=(0.0, 1))
+    fidelity: float = option(0.0, "least fidelity to Phi+ (0: any)", metavar="F", range=(0.0, 1))
     sample: float = option(
         0.1,
-        "of the pairs, sacrificed for the estimate (0.1)",
+        "share of the pairs that is measured for the estimate (0.1)",
         metavar="SHARE",
         range=(0.0, MAX_SAMPLE),
     )
-    purification: str = option("dejmps", "where it is needed (dejmps)", choices=PROTOCOLS)
+    purification: str = option(
+        "dejmps", "protocol of purification, if it is needed (dejmps)", choices=PROTOCOLS
+    )
     rounds: int | None = option(
         None,
-        "of purification (as many as the fidelity needs)",
+        "rounds of purification (as many as the fidelity needs)",
         metavar="N",
         range=(0, MAX_ROUNDS),
     )
