@@ -23,6 +23,7 @@ from qmn.results.pace_row import note_pace, time_text
 from qmn.results.result import network_facts, note_files
 from qmn.results.run_folder import give_to_invoker, given_at_the_end, lasting
 from qmn.results.run_result import RunResult
+from qmn.results.sentences import of_eve
 from qmn.results.timeline import timeline_of_run
 from qmn.running.dispatcher_calls import status
 from qmn.running.metrics_targets import announce
@@ -37,7 +38,6 @@ from topologies.system.processes.signals import interrupted_words
 from views.live.beside import live_view
 from views.live.pages import Pages
 from views.report.beside import Draw, report_beside
-from views.report.sentences import of_eve
 from wire.dispatcher_pb2 import StatusReply
 from wire.results.run_result import Approximated, EarlyNews, Job
 

@@ -11,11 +11,11 @@ from qmn.network.time_scale import PACED
 from qmn.printable_text import printable
 from qmn.results import pace_row, service_result
 from qmn.results.run_result import NetworkResult, RunResult
+from qmn.results.sentences import of_eve, sentence
 from qmn.results.service_result import RECEIVED as RECEIVED
 from topologies.links.fiber import FiberLink
 from topologies.networks.network import Network
 from topologies.system.runs.runtime import EVENT_LOG, RECORD
-from views.report.sentences import of_eve, sentence
 from wire.controller_lines import read_record
 from wire.dispatcher_record import has_ended
 from wire.metadata.vocabulary import Reason

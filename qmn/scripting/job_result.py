@@ -9,10 +9,10 @@ from typing import Any
 
 from qmn.requests.keeping import kept, kept_fields
 from qmn.results.run_result import RunResult
+from qmn.results.sentences import sentence
 from qmn.scripting.tables import SIMPLE, Row, Tabular, drawn, file_of, shown
 from views.report import markup
 from views.report.markup import STYLE
-from views.report.sentences import sentence
 
 
 @dataclass(kw_only=True)

@@ -11,15 +11,15 @@ from qmn.printable_text import printable
 from qmn.results.result import size_text
 from qmn.results.run_folder import REPORT
 from qmn.results.run_result import RunResult
+from qmn.results.sentences import of_eve, sentence
 from qmn.results.service_result import label, number_rows
+from qmn.results.titles import TITLES
 from views.report import figures
 from views.report.first_photons import first_photons
 from views.report.light_paths import fiber_name, light_paths, photons_by_port
 from views.report.markup import STYLE, table
 from views.report.programs import instruction_table, outputs
 from views.report.run_facts import RunFacts, read_run
-from views.report.sentences import of_eve, sentence
-from views.titles import TITLES
 from wire.device import OF_LIGHT, setting_name
 from wire.results.figures import Figures, LoadFigures, SentFigures
 from wire.results.run_result import KeysJob, LoadJob, NetqasmJob

@@ -16,6 +16,7 @@ from typing import Any
 
 from qmn.needs import Needs
 from qmn.options import add_options, read
+from qmn.results.titles import title_of
 from qmn.running.network import KILLED, announced_network, dispatcher_of_running_network
 from topologies.system.processes.programs import NetworkError
 from views.archive.named_run import add_run
@@ -28,7 +29,6 @@ from views.live.server import View, serve
 from views.live.sources import following, timeline_of_run
 from views.live.timeline import Timeline
 from views.report.run_facts import BadRun, read_result
-from views.titles import title_of
 from wire import typed_json
 from wire.malformed import MalformedPacket
 from wire.parameters.option import option

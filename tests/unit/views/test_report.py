@@ -15,6 +15,7 @@ from recorded_run import ALICE, BOB, MS, NETWORK, SETUP, capture, record_run, ru
 from applications.conference.service import ConferenceFigures
 from applications.graph_states.service import GraphFigures
 from applications.sensing.service import SensingFigures
+from qmn.results.sentences import of_eve, sentence
 from views.report import report_file
 from views.report.error_counts import reported
 from views.report.figures import _error_rates, _losses, key_distribution_figures
@@ -23,7 +24,6 @@ from views.report.light_paths import Hop, LightPath, light_paths
 from views.report.page import _fibers
 from views.report.report_file import NoReport, made_report, report_of_run
 from views.report.run_facts import RunFacts, read_run
-from views.report.sentences import of_eve, sentence
 from views.verbs import report
 from wire.dispatcher_pb2 import BlockId, Event
 from wire.metadata.blocks import Block, Emit, Frame, Report

@@ -1,7 +1,7 @@
 """The sentence about a run: its result, with the numbers that matter."""
 
 from qmn.results.run_result import RunResult
-from views.titles import TITLES
+from qmn.results.titles import TITLES
 from wire.results.figures import (
     EveFigures,
     KeyFigures,
