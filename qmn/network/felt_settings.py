@@ -13,8 +13,8 @@ import networkx
 
 from qmn.network.description import NetworkDescription
 from qmn.network.light_checks import making
+from qmn.network.options import MAP
 from qmn.network.part_options import is_pattern, place_and_name
-from qmn.network.topologies import MAP
 from qmn.options import BadInput
 from topologies.description.description import Description
 from wire.features import EMIT, HERALD, INTERFERE, MEASURE, STORE

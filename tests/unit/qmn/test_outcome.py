@@ -76,9 +76,9 @@ def test_figures_have_words_units_and_intervals(
     tmp_path: Path, rounds: tuple[int, int, int], purified: list[str]
 ) -> None:
     """Counts of purification are there if there was any, names for programs never."""
-    of_rounds = dict(zip(("rounds", "compared", "survived"), rounds, strict=True))
-    found = PairFigures(**PAIRS, **of_rounds, elapsed_s=0.5, pairs_per_s=1_000.0)
-    facts, text = service_run(found, "distribute"), StringIO()
+    known = PAIRS | dict(zip(("rounds", "compared", "survived"), rounds, strict=True))
+    known |= {"elapsed_s": 0.5, "pairs_per_s": 1_000.0}
+    facts, text = service_run(PairFigures(**known), "distribute"), StringIO()
     facts.delivered = True
     show(Console(file=text, width=200), facts, tmp_path, "r")
     lines = [" ".join(line.split()) for line in text.getvalue().splitlines()]
@@ -93,8 +93,9 @@ def test_figures_have_words_units_and_intervals(
 def test_a_person_is_told_what_an_eavesdropper_took_and_knows(tmp_path: Path) -> None:
     """Half of her bases are right, and in the others half of the bits come out wrong."""
     facts, text = service_run(teleported(), "bb84"), StringIO()
+    taken: dict[str, Any] = {"photons": 1_000, "measured": 200}
     assert isinstance(facts.job, ServiceJob)
-    facts.delivered, facts.job.eve = True, EveFigures(photons=1_000, measured=200)
+    facts.delivered, facts.job.eve = True, EveFigures(**taken)
     show(Console(file=text, width=200), facts, tmp_path, "r")
     assert "Eve measured 200 of 1,000 photons (20.0 %)" in text.getvalue()
     assert "she knows 10.0 % of the sifted bits, and makes 5.0 % of them wrong" in text.getvalue()
