@@ -94,9 +94,7 @@ class Measurements:
         incidents = detection.incidents() | ({"misread": wrong} if wrong else {})
         if self._is_observed(block):
             random = PhotonRandom(layer.draws, block.name, place, block.size)
-            late_ps = pulses.late_ps(block.pulses, random)
-            places = Places(np.arange(block.size), late_ps, values * np.uint8(ARM))
-            self._observe(block, detection, outcomes, places)
+            self._observe(block, detection, outcomes, _places(block, random, values))
         self._report(block, feedback, values, outcomes, incidents)
         feedback.clicks = detection.clicks
         tell_bits(feedback, outcomes, request)
@@ -229,14 +227,25 @@ class Measurements:
         feedback.first_ns = min(first.first_ns, second.first_ns)
         feedback.last_ns = max(first.last_ns, second.last_ns)
         device = layer.devices.of(node).analyser
-        by_gates = device.kind == "gates"
         matched = _matched(device, first.pulses, second.pulses, first.size)
-        waited, apart_ps = "", 0.0
-        if not by_gates:
-            waited, apart_ps = self._let_wait(device, matched, (first, second))
-        if first.weak is not None:
-            apart = waited, apart_ps
-            return self._bell_measure_weak(feedback, (first, second), matched, apart, packed)
+        apart = "", 0.0
+        if device.kind != "gates":
+            apart = self._let_wait(device, matched, (first, second))
+        measure = self._bell_measure_weak if first.weak is not None else self._bell_measure_pairs
+        return measure(feedback, (first, second), matched, apart, packed)
+
+    def _bell_measure_pairs(
+        self,
+        feedback: Feedback,
+        blocks: tuple[Block, Block],
+        matched: Overlap,
+        apart: tuple[str, float],
+        packed: bool,
+    ) -> Feedback:
+        layer, (first, second), (waited, apart_ps) = self._layer, blocks, apart
+        node = first.node
+        device = layer.devices.of(node).analyser
+        by_gates = device.kind == "gates"
         errors = imperfections.before_bell_measurement(layer, first, second) if by_gates else {}
         effect = imperfections.noise_of_detectors(layer, first, "Bell")
         as_it_is = np.zeros(first.register.size, np.uint8)
@@ -425,6 +434,11 @@ class Measurements:
     def _draws(self, block: Block) -> PhotonDraws:
         purpose = block.draws_for("measure")
         return self._layer.draws.photons(block.name, purpose, block.register.size)
+
+
+def _places(block: Block, random: PhotonRandom, bases: Bytes) -> Places:
+    late_ps = pulses.late_ps(block.pulses, random)
+    return Places(np.arange(block.size), late_ps, bases * np.uint8(ARM))
 
 
 def _matched(device: BellAnalyser, one: Pulses, other: Pulses, photons: int) -> Overlap:
