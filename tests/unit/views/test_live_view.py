@@ -427,6 +427,8 @@ def test_a_browser_gets_the_address_by_a_file_of_its_user_and_by_no_command_line
         deadline, report, seen = time.monotonic() + SOON_S, folder / "report", ""
         while not report.exists():
             assert time.monotonic() < deadline, "nobody has opened a browser"
+            ended = program.poll() is not None and not report.exists()
+            assert not ended, f"no browser was opened: can other users enter {ROOT}?"
             seen += command_lines()
         seen += command_lines()  # the opener still runs
         found = re.findall(r"file://(\S+?/qmn-live-\S+?\.html)", seen)
