@@ -23,7 +23,8 @@ PYTEST := env PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 'PARTS=$(PARTS)' $(PYTHON)
 PROCESSES = $(shell n=$$(getconf _NPROCESSORS_ONLN); echo $$(( n < 8 ? n : 8 )))
 AT_A_TIME = $$(( (3 * $(PROCESSES) + 1) / 2 ))
 NETWORKS = $$(( 3 * $(PROCESSES) ))
-IN_PARALLEL = --numprocesses=$(AT_A_TIME) --dist=worksteal
+# One that dies is not replaced: another would have other files.
+IN_PARALLEL = --numprocesses=$(AT_A_TIME) --dist=each -p files_of_workers --max-worker-restart=0
 # Of unit tests and networks; make nightly has the others.
 WHEN := not nightly
 # Half of collecting is to compile tests, unless they leave their byte code for the next time.

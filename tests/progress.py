@@ -42,8 +42,9 @@ class Progress:
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_xdist_node_collection_finished(self, ids: Sequence[str]) -> None:
-        """Take the number of tests that the workers share."""
-        self._begin(len(ids))
+        """Take the number of tests that the workers share, or that each has of its own."""
+        own = self._total if self._config.getoption("dist") == "each" else 0
+        self._begin(own + len(ids))
 
     def _begin(self, total: int) -> None:
         self._total = max(self._total, total)
