@@ -31,7 +31,7 @@ from qmn.running.network import announce_network
 from qmn.scripting.network import QuantumNetwork
 from topologies.links.causality import worst
 from topologies.networks.network import Signals
-from topologies.system.namespaces import are_own
+from topologies.system.namespaces import with_own_network
 from topologies.system.processes.programs import find_tools
 from views.live.beside import live_view
 from views.live.pages import Pages
@@ -97,9 +97,9 @@ def _standing(
 ) -> Iterator[QuantumNetwork]:
     """Run a network that has been described; `made` is what of it jobs are checked against."""
     where = from_keywords(MachineOptions, machines)
-    if not are_own():
+    if not with_own_network():
         description = description.paced_for(
-            "other processes would hold its clock: start it by `qmn script`"
+            "it would change the TCP of this machine: start it by `qmn script`"
         )
     description = description.paced_for(*where.against_steps)
     folder = Path(folder) if folder is not None else None

@@ -1,8 +1,10 @@
 """Every run has namespaces of its own: runs beside each other, a command inside one, its end."""
 
+import json
 import os
 import signal
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -66,3 +68,32 @@ def test_what_a_killed_run_has_started_ends_with_it(tmp_path: Path) -> None:
         process.wait(30)
         wait_until(lambda: not Path(f"/proc/{run.first}").exists(), "all ends with it")
     assert namespaces.running() == []
+
+
+STARTS_ONE = """
+from qmn.scripting import start
+with start("sdc", folder={folder!r}):
+    pass
+"""
+CHANGED = ("tcp_wmem", "tcp_synack_retries", "tcp_congestion_control")
+
+
+def test_the_tcp_of_the_machine_stays_as_it_is(tmp_path: Path) -> None:
+    """So a notebook's network is paced, as Jupyter is in the machine's network."""
+    kernel = Path("/proc/sys/net/ipv4")
+    before = [(kernel / name).read_text() for name in CHANGED]
+    script = STARTS_ONE.format(folder=str(tmp_path / "run"))
+    command = [str(namespaces.OWN_NAMESPACES), "--network-of-machine", sys.executable, "-c", script]
+    done = subprocess.run(
+        command,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=SOON_S,
+    )
+    assert done.returncode == 0, done.stderr
+    facts = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert facts["time"] == "paced"
+    assert "TCP of this machine" in facts["time_because"]
+    assert [(kernel / name).read_text() for name in CHANGED] == before

@@ -4,7 +4,7 @@ from contextlib import suppress
 from select import select
 
 from topologies.system.kernel.interfaces import repeat_nothing
-from topologies.system.namespaces import are_own
+from topologies.system.namespaces import with_own_network
 from topologies.system.processes.programs import NetworkError
 from topologies.system.runs.launching import launch
 from topologies.system.runs.runtime import Runtime
@@ -17,7 +17,7 @@ GATE = "gate"
 ROUND_NS = 1_000_000_000_000  # longer than any network takes to start
 SETTLED_NS = 90_000_000  # for what is repeated after the leap, before the controller looks again
 OVER_NS = 1_000_000  # for packets that a leap brings about
-NOT_OWN = "stepped time needs namespaces of its own: use `qmn run` or `qmn script`, or time='paced'"
+NOT_OWN = "stepped time needs a network of its own: use `qmn run` or `qmn script`, or time='paced'"
 
 
 class Start:
@@ -31,7 +31,7 @@ class Start:
         self._time = network.time
         self._client: GateClient | None = None
         if isinstance(network.time, SteppedTime):
-            if not are_own():
+            if not with_own_network():
                 raise NetworkError(NOT_OWN)
             launch(
                 network, GATE, "gate", GateConfig(str(network.logs / LEAPS), network.watched)

@@ -60,6 +60,11 @@ def are_own() -> bool:
     return MACHINE_NETWORK.exists()
 
 
+def with_own_network() -> bool:
+    """Return whether the network is own, too, not the machine's (--network-of-machine)."""
+    return are_own() and not os.path.samefile("/proc/self/ns/net", MACHINE_NETWORK)
+
+
 def in_own_namespaces(command: Sequence[str]) -> list[str]:
     """Return what runs a command in new namespaces, as root; all ends with the calling thread."""
     return [*WITH_THIS_PROCESS, str(OWN_NAMESPACES), *command]

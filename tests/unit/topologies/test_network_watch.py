@@ -93,7 +93,7 @@ def test_the_gate_knows_whether_somebody_watches(
         return Program("gate", tmp_path / "gate.log")
 
     monkeypatch.setattr(gate, "launch", launch)
-    monkeypatch.setattr(gate, "are_own", lambda: True)
+    monkeypatch.setattr(gate, "with_own_network", lambda: True)
     monkeypatch.setattr(gate, "repeat_nothing", lambda: None)  # to this machine, whatever is wrong
     (tmp_path / "gate.log").touch()
     made = Runtime(stepped=True, watched=watched, log_folder=tmp_path)
@@ -110,8 +110,8 @@ def test_stepped_time_changes_no_network_but_its_own(
     monkeypatch.setattr(runtime, "RUNTIME_ROOT", tmp_path / "qmn")
     for name in ("launch", "repeat_nothing"):
         monkeypatch.setattr(gate, name, lambda *_words: pytest.fail("begun"))
-    monkeypatch.setattr(gate, "are_own", lambda: False)
+    monkeypatch.setattr(gate, "with_own_network", lambda: False)
     made = Runtime(stepped=True, log_folder=tmp_path)
-    with pytest.raises(NetworkError, match="stepped time needs namespaces of its own"):
+    with pytest.raises(NetworkError, match="stepped time needs a network of its own"):
         gate.Start(made)
     made.remove()
