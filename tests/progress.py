@@ -50,8 +50,14 @@ class Progress:
         self._total = max(self._total, total)
         self._began_s = self._told_s = time.monotonic()
 
+    def pytest_sessionstart(self, session: pytest.Session) -> None:
+        """Keep the session, whose number of tests pytest's percentages are of."""
+        self._session = session
+
+    @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Name a test that failed: its reason comes at the end, which a stopped run lacks."""
+        self._session.testscollected = self._total
         if report.failed:
             self._tell(f" failed: {report.nodeid}")
 

@@ -52,6 +52,7 @@ def test_every_test_runs_once(tmp_path: Path) -> None:
     files = write(tmp_path, {"a": 200, "b": 201, "c": 202}, body)
     done = run(tmp_path)
     assert "3 passed" in done.stdout
+    assert "[100%]" in done.stdout
     assert [Path(f"{file}.ran").read_text() for file in files] == ["x"] * 3
 
 
