@@ -251,26 +251,24 @@ class Measurements:
         as_it_is = np.zeros(first.register.size, np.uint8)
         device_noise.in_front(layer.sabot, layer.draws, first, effect, "Bell", as_it_is)
         look = self._interfere if device.kind == BEAM_SPLITTER else self._analyse
-        analysis = look(node, (first, second), matched, apart_ps)
+        analysis = look(node, blocks, matched, apart_ps)
         if self._is_observed(first):
-            arms = zip((first, second), analysis.detections, strict=False)
+            arms = zip(blocks, analysis.detections, strict=False)
             looks = [
                 ArmClicks(np.arange(seen.bits.size), half.pulses.delays_ps, seen)
                 for half, seen in arms
             ]
             self._observe_arms(first, looks, apart_ps)
-        feedback.exact = layer.count_exact((first, second))
+        feedback.exact = layer.count_exact(blocks)
         outcomes = device_noise.reported(analysis.outcomes, effect, device_noise.BELL_STATE)
         outcomes = self._analyser(node).named(outcomes)
         if by_gates:
             outcomes, wrong = imperfections.misread(layer, first, outcomes, "Bell", bits=2)
             errors |= {"misread": wrong} if wrong else {}
         detail = f"with {second.name.number}/{second.name.half}: {tally(outcomes, BELL_STATES)}"
-        detail += waited + listed(errors)
+        detail += waited + listed(errors) + listed(analysis.incidents)
         each = partial(outcome, outcomes, BELL_STATES)
-        layer.record(
-            node, "bell-measure", first, detail=detail + listed(analysis.incidents), each=each
-        )
+        layer.record(node, "bell-measure", first, detail=detail, each=each)
         feedback.clicks = analysis.clicks
         tell_bell_states(feedback, outcomes, packed)
         gates = layer.devices.of(node).gates
