@@ -136,11 +136,7 @@ class Analyser:
         late = np.zeros(0, dtype=np.intp)
         if self._interferes:
             late = self.late(coincident, detections, halves, mismatch, random)
-        if late.size:
-            outcomes[late] = NO_CLICK
-            incidents["late"] = late.size
-        if wrong := self.misread(outcomes, random):
-            incidents["misread"] = wrong
+        self._spoil(outcomes, late, incidents, random)
         return Analysis(self.named(outcomes), clicks, incidents, detections or ())
 
     @property
@@ -166,13 +162,23 @@ class Analyser:
         outcomes, coincident, clicks, incidents = _combine(detections, states)
         mismatch, random = Mismatch(halves, apart_ps, slots), random.beside(slots.size)
         late = self.late(coincident, detections, halves, mismatch, random)
+        self._spoil(outcomes, late, incidents, random)
+        left = outcomes != NO_CLICK
+        return slots[left], Analysis(self.named(outcomes[left]), clicks, incidents)
+
+    def _spoil(
+        self,
+        outcomes: Bytes,
+        late: NDArray[np.intp],
+        incidents: dict[str, int],
+        random: PhotonRandom,
+    ) -> None:
+        """Drop outcomes of light that came too late, and misread others; count both."""
         if late.size:
             outcomes[late] = NO_CLICK
             incidents["late"] = late.size
         if wrong := self.misread(outcomes, random):
             incidents["misread"] = wrong
-        left = outcomes != NO_CLICK
-        return slots[left], Analysis(self.named(outcomes[left]), clicks, incidents)
 
     def named(self, outcomes: Bytes) -> Bytes:
         if self._device.kind != "linear":

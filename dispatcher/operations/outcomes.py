@@ -1,4 +1,4 @@
-"""Outcomes of measurements: those of clicks alone, and what a reply tells of them."""
+"""Outcomes of measurements, kept for clicks alone, and how a reply reports them."""
 
 from collections.abc import Callable
 from typing import NamedTuple
