@@ -31,6 +31,7 @@ T = TypeVar("T")
 
 OWN_NAMESPACES = ROOT / "topologies" / "own_namespaces"
 MACHINE_NETWORK = RUNTIME_ROOT / "machine-network"  # a file of the machine's network, inside
+OWN_NETWORK = RUNTIME_ROOT / "own-network"  # exists when the network is own, too
 ENTRIES = "*.run"  # on the machine: one for each run in namespaces of its own
 FORWARDED = {*Signals.NUMBERS, *Signals.OTHERS}
 KILLED = 128 + signal.SIGKILL
@@ -62,7 +63,7 @@ def are_own() -> bool:
 
 def with_own_network() -> bool:
     """Return whether the network is own, too, not the machine's (--network-of-machine)."""
-    return are_own() and not os.path.samefile("/proc/self/ns/net", MACHINE_NETWORK)
+    return OWN_NETWORK.exists()
 
 
 def in_own_namespaces(command: Sequence[str]) -> list[str]:
