@@ -85,7 +85,7 @@ def _own_namespaces(arguments: argparse.Namespace, words: Sequence[str]) -> int 
         from views.live.beside import begin_page_of_command
 
         server = begin_page_of_command(for_all=for_all)
-    several = (getattr(arguments, "machines", None) or 1) > 1 or getattr(arguments, "place", None)
+    several = (getattr(arguments, "machines", None) or 1) > 1
     namespaces.running()  # removes the entries of runs that were killed
     for group in groups_of_gone():
         with suppress(FileNotFoundError):  # another run that starts has just removed it

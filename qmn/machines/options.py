@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import ClassVar
 
+from qmn.options import BadInput
 from topologies.system.machines.machine import Machine
 from topologies.system.machines.tunnel import TUNNELS
 from topologies.system.runs.runtime import Runtime
@@ -18,7 +19,7 @@ class PlaceOptions:
     GROUP: ClassVar[str] = "several machines"
     place: tuple[str, ...] = option(
         (),
-        "put a host on a machine, as bob=m2 (repeatable; none: in turn)",
+        "with --machines, put a host on a machine, as bob=m2 (repeatable; none: in turn)",
         metavar="HOST=MACHINE",
         recorded=False,
     )
@@ -51,7 +52,7 @@ class MachineOptions(PlaceOptions):
     @property
     def against_steps(self) -> Iterator[str]:
         """Yield why the time of a network over these machines is paced."""
-        if self.machines > 1 or self.place:
+        if self.machines > 1:
             yield "other machines have clocks of their own (--machines)"
 
 
@@ -66,7 +67,10 @@ def machines_of(
 
     In the folder of the run, if it has one, is the key log of what goes between the machines.
     """
-    if options.machines == 1 and not options.place:
+    if options.machines == 1:
+        for name in ("place", "scheduler", "tunnels"):
+            if getattr(options, name):
+                raise BadInput(f"--{name} has no effect on one machine: add --machines 2")
         yield {}
         return
     # Dask takes a second to load: who has one machine does not wait for it.

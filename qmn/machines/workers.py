@@ -76,9 +76,6 @@ def on_machines(
 
     Raise BadInput for what cannot be, NetworkError for machines that are not there.
     """
-    if count == 1 and not placed:
-        yield {}
-        return
     with connected(scheduler) as client:
         workers = found_workers(client, count - 1)
         addresses = {name: str(urlsplit(address).hostname) for name, address in workers.items()}

@@ -7,8 +7,10 @@ import pytest
 from distributed import Client, LocalCluster
 
 from qmn.machines import workers
-from qmn.machines.workers import found_workers, on_machines, places
+from qmn.machines.options import MachineOptions, machines_of
+from qmn.machines.workers import found_workers, places
 from qmn.options import BadInput
+from topologies.system.machines.tunnel import TUNNELS
 from topologies.system.processes.programs import NetworkError
 
 HOSTS, WORKERS = ("alice", "bob", "charlie", "dave"), ("m2", "m3")
@@ -43,8 +45,25 @@ def test_a_host_is_placed_once() -> None:
 
 def test_one_machine_needs_no_other() -> None:
     nobody = partial(pytest.fail, "there is no scheduler to look for")
-    with on_machines(1, (), "tcp://127.0.0.1:1", HOSTS, None, nobody) as machines:
+    with machines_of(MachineOptions(), HOSTS, None, nobody) as machines:
         assert machines == {}
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("place", MachineOptions(place=("bob=m2",))),
+        ("scheduler", MachineOptions(scheduler="tcp://127.0.0.1:1")),
+        ("tunnels", MachineOptions(tunnels=TUNNELS[0])),
+    ],
+)
+def test_one_machine_takes_no_option_of_several(name: str, options: MachineOptions) -> None:
+    nobody = partial(pytest.fail, "there is no scheduler to look for")
+    with (
+        pytest.raises(BadInput, match=f"--{name} has no effect on one machine"),
+        machines_of(options, HOSTS, None, nobody),
+    ):
+        pytest.fail("the network would start")
 
 
 def test_as_many_workers_as_are_wanted_are_enough(
