@@ -1,6 +1,5 @@
 """Checks of what a user says of a network, before anything starts."""
 
-import socket
 from collections.abc import Collection, Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges
 from qmn.project import remedy as remedy_of
+from topologies.system.namespaces import machine_listener
 from wire.parameters.checks import NEAR, remedy
 from wire.parameters.network import FRAMEWORKS
 from wire.registered import CLICK_OBSERVERS, SIMULATIONS, TELEMETRY, BadPackage, only
@@ -69,7 +69,7 @@ def check_address(text: str) -> None:
     if not (host and colon and port.isascii() and port.isdigit() and 0 < int(port) < 1 << 16):
         raise BadInput(f"--rest {text}: write ADDRESS:PORT, as 127.0.0.1:8080")
     try:
-        socket.create_server((host, int(port))).close()
+        machine_listener(host, int(port)).close()
     except OSError as error:
         raise BadInput(f"--rest {text}: cannot listen there: {error.strerror}") from error
 

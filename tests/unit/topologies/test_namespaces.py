@@ -39,6 +39,15 @@ print(listener.getsockname()[1], flush=True)
 listener.accept()[0].sendall(os.readlink("/proc/self/ns/net").encode())
 """
 )
+LISTENS = """
+from qmn.network.checks import check_address
+from qmn.options import BadInput
+try:
+    check_address(f"127.0.0.1:{sys.stdin.readline().strip()}")
+    print("free", flush=True)
+except BadInput as error:
+    print(error, flush=True)
+"""
 LOOKS = """
 print(os.getpid(), os.listdir("/sys/class/net"), flush=True)
 sys.stdin.read()
@@ -82,6 +91,17 @@ def test_a_run_has_a_network_of_its_own_and_its_status_is_that_of_the_command(
         assert process.returncode == 7
     assert namespaces.running() == []
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_port_in_use_on_the_machine_is_refused_before_a_network_starts(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as ours:
+        port = ours.getsockname()[1]
+        with run(tmp_path, RUN + LISTENS) as process:
+            reply, _ = process.communicate(str(port), timeout=SOON_S)
+    words = f"--rest 127.0.0.1:{port}: cannot listen there: Address already in use"
+    assert reply.splitlines()[-1].startswith(words)
+    with run(tmp_path, RUN + LISTENS) as process:
+        assert process.communicate(str(port), timeout=SOON_S)[0].splitlines()[-1] == "free"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
