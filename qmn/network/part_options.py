@@ -20,7 +20,7 @@ from topologies.links.fiber import resolved
 from topologies.nodes import OpticalSwitch, QuantumHost
 from topologies.nodes.quantum_host import PARTS as DEVICE_PARTS
 from topologies.nodes.quantum_host import device_of
-from wire.parameters.checks import check_names
+from wire.parameters.checks import check_choice, check_names
 from wire.parameters.fiber import KINDS, FiberOptics, optics
 from wire.parameters.option import unit_of
 from wire.parameters.physics import Device
@@ -136,7 +136,8 @@ class PartOptions:
                 part, dot, setting = name.partition(".")
                 info = switches[switch]
                 if name == "parts":
-                    info.update(switch_parts(node_device(value, self.preset)))
+                    where = f"--switch {word}: parts"
+                    info.update(switch_parts(node_device(value, self.preset, where)))
                 elif dot:
                     before = info.get(part, getattr(QuantumSwitch(""), part))
                     info[part] = replace(before, **{setting: value})
@@ -226,6 +227,9 @@ def kind_of_all(words: Sequence[str]) -> str:
     kinds = [word for word in words if "=" not in word]
     if len(kinds) > 1:
         raise BadTopology(f"--node {kinds[0]} and --node {kinds[1]}: choose one for all hosts")
+    for kind in kinds:
+        of_hosts = [name for name in NODE_KINDS if name != "station"]  # it is part of a network
+        check_choice("--node", kind, of_hosts, BadTopology)
     return kinds[0] if kinds else ""
 
 
@@ -236,10 +240,11 @@ def _named_nodes(words: Sequence[str], preset: Device) -> dict[str, Device]:
         host, equals, kind = word.partition("=")
         if not equals:
             continue
-        if not host or not kind or host in devices:
-            kinds = ", ".join(NODE_KINDS)
-            raise BadTopology(f"--node {word}: write KIND, or HOST=KIND once a host, of {kinds}")
-        devices[host] = node_device(kind, preset)
+        if not host or not kind or host in devices or "." in host:
+            kinds, of_parts = ", ".join(NODE_KINDS), "; settings of hosts are words of --device"
+            text = f"--node {word}: write KIND, or HOST=KIND once a host, of {kinds}"
+            raise BadTopology(text + of_parts * ("." in host))
+        devices[host] = node_device(kind, preset, f"--node {host}:")
     return devices
 
 

@@ -171,7 +171,8 @@ def test_a_setting_of_a_part_of_a_switch_comes_to_the_dispatcher() -> None:
 @pytest.mark.parametrize("kind", NODE_KINDS)
 def test_a_kind_of_node_comes_to_the_dispatcher_as_it_is_catalogued(kind: str) -> None:
     wanted = json.loads(json.dumps(asdict(node_device(kind, Device()))))
-    for host, node in ((None, kind), ("bob", f"bob={kind}")):
+    of_all = [(None, kind)] * (kind != "station")  # it is part of a network
+    for host, node in (*of_all, ("bob", f"bob={kind}")):
         changed = configurations("--node", node)["dispatcher"]["devices"]
         for name in HOSTS:
             if host in (None, name) and name != "charlie":

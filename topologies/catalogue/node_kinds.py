@@ -155,7 +155,7 @@ def switch_parts(device: Device) -> dict[str, Any]:
     return {"analysers": 1, **parts, "memories": 2, "memory": memory, "emitter": device.emitter}
 
 
-def node_device(kind: str, base: Device) -> Device:
+def node_device(kind: str, base: Device, where: str = "node") -> Device:
     """Return the device of a host of a kind; raise BadParameter with the kinds there are."""
-    check_choice("node", kind, NODE_KINDS, BadParameter)
+    check_choice(where, kind, NODE_KINDS, BadParameter)
     return NODE_KINDS[kind].of(base)
