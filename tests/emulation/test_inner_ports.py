@@ -23,6 +23,7 @@ from agent_scene import (
 from agent_scene import run as execute
 from conftest import nothing_left, wait_until
 from fabric_scene import Line, restarted_agent, running
+from limits import SOON_S
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
 from test_switch_swaps import BOB, require_nothing_left, swapping
@@ -306,7 +307,7 @@ def test_who_lacks_an_analyser_is_refused_and_who_has_it_goes_on(chain_network: 
         with pytest.raises(QuantumSocketError, match="another session uses"):
             session(network, ("charlie", "dave"), 10, count=PAIRS, swaps=1)
         assert not first.done()
-        figures = first.result(60)
+        figures = first.result(SOON_S)
     assert (figures["pairs"], figures["fidelity"]) == (60_000, 1)
     require_nothing_left(network)
     assert session(network, ("charlie", "dave"), 10, count=PAIRS, swaps=1)["pairs"] == PAIRS

@@ -352,7 +352,7 @@ def test_curl_alone_swaps_over_three_switches_as_quisp_does(tmp_path: Path) -> N
             session = threads.submit(swapped, network, **asked)
             wait_until(lambda: status(network).pairs_created == 2 * 8401, "both ends emit", 10)
             shell(functions + emits)
-            figures = session.result(60)
+            figures = session.result(SOON_S)
         assert status(network).pairs_created == 4 * 8401
         require_nothing_left(network)
     fidelity, error = row["swapped"]
@@ -427,7 +427,7 @@ def ended(network: Network, text: str) -> Iterator[None]:
         wait_until(lambda: status(network).pairs_created > before + 9000, "it goes on", 20)
         yield
         with pytest.raises(QuantumSocketError, match=text):
-            long.result(60)
+            long.result(SOON_S)
     require_nothing_left(network)
 
 
