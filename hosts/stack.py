@@ -5,11 +5,13 @@ applications -- Unix socket --> stack -- TCP, quantum metadata --> other stacks
 """
 
 import asyncio
+import json
 import logging
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import replace
 from hashlib import blake2b
+from pathlib import Path
 from typing import Any
 
 from hosts.hardware.ports import read_ports
@@ -39,7 +41,7 @@ from hosts.serving.processing import (
     processing_unit,
 )
 from hosts.timeouts import ANSWER_TIMEOUT_S
-from wire.config import STANDING, HostConfig
+from wire.config import ADJUSTED, STANDING, HostConfig
 from wire.light import Role
 from wire.metadata.header import session_number
 from wire.metadata.setup import Setup
@@ -95,10 +97,20 @@ class Stack:
 
     def _cut_off(self, cutoff_us: int | None) -> None:
         """Have the memory drop what is older, by its own default if none is set."""
-        cutoff_s = self._config.cutoff_s if cutoff_us is None else cutoff_us / 1e6
+        config = self._config
+        cutoff_s = config.cutoff_s if cutoff_us is None else cutoff_us / 1e6
         self._qnic.cutoff_s = cutoff_s
-        lifetimes = self._resources.lifetimes._replace(cutoff_s=cutoff_s)
+        lifetimes = Lifetimes(config.t1_s, config.t2_s, config.depolarizing_s, cutoff_s)
         self._resources = replace(self._resources, lifetimes=lifetimes)
+
+    @property
+    def _current(self) -> HostResources:
+        """The resources of a new session, with the memory as it was adjusted last."""
+        with suppress(FileNotFoundError):
+            text = Path(self._config.socket).with_suffix(ADJUSTED).read_text()
+            self._config = replace(self._config, **json.loads(text))
+            self._cut_off(self.device.settings.cutoff_us)
+        return self._resources
 
     def _compensate(self, every_s: int | None) -> None:
         """Have the compensator look so often, as its device says if nothing is set."""
@@ -134,7 +146,7 @@ class Stack:
         )
         setup = self.device.override(setup)
         arrangement = Arrangement(setup, peer, source, self._light)
-        return OpeningSession(kind, options, self._resources, arrangement, setup, is_source)
+        return OpeningSession(kind, options, self._current, arrangement, setup, is_source)
 
     def intercept(self, fields: dict[str, Any]) -> Interception:
         """Prepare an interception; raise SessionError for what cannot be asked."""
@@ -205,7 +217,7 @@ class Stack:
 
     async def _accept(self, channel: MetadataChannel, setup: Setup) -> None:
         service = Service(setup.service)
-        session = AcceptingSession(KINDS[service], self._resources, channel, setup)
+        session = AcceptingSession(KINDS[service], self._current, channel, setup)
         with self._engaged(setup, channel, Role.ACCEPTOR):
             incoming = self._attending(channel, setup)
             with self.device.accepts(session):

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from typing import Any
 
 from qswitch_agent.openflow.ports import Port
 from wire.analyser_frames import BROADCAST, AnalyserFrame, frames_of
@@ -31,11 +32,9 @@ class InnerPorts:
         self._announced = announced
         self._known: dict[int, Port] = {}  # the inner ports
 
-    def description(self, number: int, cutoff_s: float | None = None) -> bytes:
-        """Return the property of a port that says what it leads to; a memory's cut-off, if set."""
-        parts = self._parts
-        if cutoff_s is not None:
-            parts = replace(parts, memory=replace(parts.memory, cutoff_s=cutoff_s))
+    def description(self, number: int, memory: Mapping[str, Any]) -> bytes:
+        """Return the property of a port that says what it leads to; `memory` is what has changed"""
+        parts = replace(self._parts, memory=replace(self._parts.memory, **memory))
         return describe(self._ports[number], parts)
 
     def update(self, ports: list[Port]) -> None:

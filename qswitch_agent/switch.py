@@ -269,8 +269,10 @@ class Switch:
         should: the fibre is whole, and the hardware not too hot.
         """
         if port.number in self.inner:
-            cutoff_s, state = self._condition.cutoffs_s.get(port.number), port.state
-            properties = self.inner_ports.description(port.number, cutoff_s)
+            memory, state = dict(self._condition.memory), port.state
+            if (cutoff_s := self._condition.cutoffs_s.get(port.number)) is not None:
+                memory["cutoff_s"] = cutoff_s
+            properties = self.inner_ports.description(port.number, memory)
             if port.number in self._condition.failed:
                 state = (state | ofp.OFPPS_LINK_DOWN) & ~ofp.OFPPS_LIVE
             config = port.config & ~ofp.OFPPC_NO_FWD

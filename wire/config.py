@@ -119,6 +119,7 @@ class DispatcherConfig(MeasuredConfig, DispatcherSettings):
 # Light is granted to hosts by our controller, session by session, by a verdict in the set-up
 # message; or the switches are programmed by others, and the light stands.
 LIGHT = CONTROLLER, STANDING = "controller", "standing"
+ADJUSTED = ".memory"  # of a file beside a stack's socket: fields of its configuration that changed
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """The quantum hardware of the hosts: what it is like, and refusals of what it cannot do."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,10 @@ from dispatcher.devices.detectors import DetectorPair
 from dispatcher.fiber import custom_noise
 from dispatcher.fiber.noise import Effect, NoiseHistory, Passage, Pattern, Schedule
 from dispatcher.photon_random import Source
-from dispatcher.refusal import precondition
+from dispatcher.refusal import invalid, not_found, precondition
 from wire.config import BadConfig
 from wire.features import ABSORB, EMIT, GATE, HERALD, INTERFERE, MEASURE, STORE, Feature
-from wire.parameters.physics import Device
+from wire.parameters.physics import BadParameter, Device
 
 DEPTH = 1000  # values that a model remembers
 OF_PARTS = {"lost", "paulis", "kraus", "exact", "named"}
@@ -108,6 +109,20 @@ class Devices:
 
     def of(self, node: str) -> Device:
         return self._listed.get(node, IDEAL)
+
+    def adjust_memories(self, nodes: Collection[str], settings: Mapping[str, Any]) -> None:
+        """Change settings of memories from now on; refuse bad values, and change nothing."""
+        changed = {}
+        for node in nodes:
+            if node not in self._listed:
+                raise not_found(f"{node} has no memory: name a host, or a switch with memories")
+            device = self._listed[node]
+            changed[node] = replace(device, memory=replace(device.memory, **settings))
+            try:
+                changed[node].check(node)
+            except BadParameter as error:
+                raise invalid(str(error)) from error
+        self._listed |= changed
 
     def noise(self, node: str, part: str) -> PartNoise | None:
         return self._noises.get((node, part))

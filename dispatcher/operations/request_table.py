@@ -94,6 +94,7 @@ class RequestTable:
             "tune_port": Row(messages.TunePortRequest, self.switching.tune),
             "inject_fault": Row(messages.InjectFaultRequest, self.switching.inject),
             "adjust_fiber": Row(messages.AdjustFiberRequest, self._on_layer(adjust)),
+            "adjust_memory": Row(messages.AdjustMemoryRequest, self.switching.adjust_memory),
         }
 
     async def handle(self, node: str, name: str, request: Any) -> Any:

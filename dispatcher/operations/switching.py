@@ -13,6 +13,8 @@ from dispatcher.refusal import Refusal, invalid, not_found, precondition
 from dispatcher.switch.optical_switch import MAX_POWER_DBM, OpticalSwitch
 from wire.config import FiberEnd
 from wire.dispatcher_pb2 import (
+    AdjustMemoryReply,
+    AdjustMemoryRequest,
     BlockId,
     Connection,
     CreateRequest,
@@ -27,6 +29,8 @@ from wire.dispatcher_pb2 import (
     SwitchStatisticsReply,
     TunePortRequest,
 )
+from wire.parameters.checks import check_names
+from wire.parameters.physics import ADJUSTABLE
 from wire.parameters.switch import Kind, inner_port
 
 
@@ -50,6 +54,7 @@ def condition(switch: OpticalSwitch) -> SwitchCondition:
         stuck=[Connection(in_port=i, out_port=o) for i, o in sorted(switch.stuck.items())],
         failed=sorted(switch.failed),
         cutoffs_s=switch.cutoffs_s,
+        memory=switch.memory,
         min_frequency_mhz=config.min_frequency_mhz,
         max_frequency_mhz=config.max_frequency_mhz,
         grid_mhz=config.grid_mhz,
@@ -248,6 +253,23 @@ class Switching:
         switch.cutoffs_s[port] = cutoff_s
         for changed in self._watchers[switch.name]:
             changed.set()
+
+    def adjust_memory(self, _node: str, request: AdjustMemoryRequest) -> AdjustMemoryReply:
+        """Change settings of a host's memory, or of all memories of a switch, from now on."""
+        name, settings = request.node, dict(request.settings)
+        check_names(f"memory of {name}", settings, ADJUSTABLE, invalid)
+        inside = [
+            node for node, part in self._layer.network.memories.items() if part.switch == name
+        ]
+        self._layer.devices.adjust_memories(inside or [name], settings)
+        if inside:
+            self._switches[name].memory |= settings
+            for changed in self._watchers[name]:
+                changed.set()
+        detail = ", ".join(f"{each} {value:g}" for each, value in sorted(settings.items()))
+        now_ns = self._layer.clock.now_ns()
+        self._layer.record(name, "tune", detail=f"memory: {detail}", time_ns=now_ns)
+        return AdjustMemoryReply()
 
     def statistics(self, name: str) -> SwitchStatisticsReply:
         switch, network = self._switches[name], self._layer.network

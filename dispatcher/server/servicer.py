@@ -336,6 +336,13 @@ class Service(DispatcherServicer):
         return messages.AdjustFiberReply(fibers=fibers)
 
     @call
+    async def AdjustMemory(
+        self, request: messages.AdjustMemoryRequest, node: str, _context: Context
+    ) -> messages.AdjustMemoryReply:
+        self.callers.require_runner(node, "adjust memories")
+        return cast(messages.AdjustMemoryReply, await self.change(node, "adjust_memory", request))
+
+    @call
     async def Status(
         self, request: messages.StatusRequest, node: str, _context: Context
     ) -> messages.StatusReply:

@@ -100,6 +100,7 @@ class OpticalSwitch:
         self.stuck: dict[int, int] = {}  # in_port to out_port
         self.failed = set[int]()  # inner ports
         self.cutoffs_s: dict[int, float] = {}  # of memories, if another was set
+        self.memory: dict[str, float] = {}  # settings of all memories that were adjusted
         self.temperature_c = config.temperature_c
         self._hot = Steps(self._is_hot)
         self._paths = {(path.in_port, path.out_port): path for path in config.paths}

@@ -239,8 +239,9 @@ def sweep(grid: Grid, seed: int, options: SweepOptions, signals: Signals, consol
         require_root()
     name = f"{grid.experiment.file}{'-emulated' if grid.experiment.name in EMULATED else ''}"
     with opened(options.out / f"{name}.csv", grid.experiment) as table:
-        _tell_beginning(console, grid, seed, table, len(running.missing(grid, seed, table)))
-        if running.missing(grid, seed, table):
+        left = len(running.missing(grid, seed, table))
+        _tell_beginning(console, grid, seed, table, left, options.scheduler)
+        if left:
             with (
                 page_of_command(options.live, for_all=options.live_for_all),
                 measuring(grid.experiment, options, signals.check) as measurer,
@@ -280,10 +281,14 @@ def measuring(
             yield running.on_cluster(client, check)
 
 
-def _tell_beginning(console: Console, grid: Grid, seed: int, table: Table, left: int) -> None:
+def _tell_beginning(
+    console: Console, grid: Grid, seed: int, table: Table, left: int, scheduler: str | None
+) -> None:
     text = f"{grid.experiment.name}: {grid.size:,} points, seed {seed}"
     if left < grid.size:
         text += f"; {grid.size - left:,} are in {table.path} already"
+    elif isinstance(grid.experiment, job_sweep.JobSweep) and not scheduler:
+        text += f", {job_sweep.networks_of(grid)}"
     console.print(text, soft_wrap=True)
     if table.cut_off:
         console.print(

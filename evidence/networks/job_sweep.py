@@ -37,7 +37,7 @@ from qmn.scripting import start_for
 from topologies.system.processes.programs import NetworkError
 from wire.parameters.checks import check_names, remedy
 from wire.parameters.option import declared, unit_of
-from wire.parameters.physics import Device
+from wire.parameters.physics import ADJUSTABLE, Device
 
 SEVERAL = {run_sweep.APPLICATION, run_sweep.INPUT}  # texts, which commas part
 OF_PARTS = "fiber", "switch", "node", "device"  # options that are lists of words
@@ -73,7 +73,18 @@ class JobSweep(Experiment):
 
 def is_at_start(name: str) -> bool:
     """Return whether a network has to be started for each value of an axis."""
-    return "." in name or FLAGS.get(name, name) in AT_START
+    if "." not in name:
+        return FLAGS.get(name, name) in AT_START
+    part, _dot, setting = setting_of(name).name.partition(".")
+    return part != "memory" or setting not in ADJUSTABLE
+
+
+def networks_of(grid: Grid) -> str:
+    """Return in words which axes start a network for each of their values."""
+    if grid.experiment.name in run_sweep.WHAT:
+        return "a network for each point"
+    axes = [name for name, values in grid.axes.items() if is_at_start(name) and len(values) > 1]
+    return f"a network for each {' and '.join(axes)}" if axes else "on networks they share"
 
 
 def grid_of(job: str, chosen: Mapping[str, object]) -> Grid:
@@ -180,7 +191,7 @@ class Setting:
 def setting_of(axis: str) -> Setting:
     """Return the setting of an axis: by its dots that of a host's device, or of fibre or switch."""
     place, _dot, name = axis.partition(".")
-    if "." in name:
+    if "." in name and place != "switch":
         return Setting("device", "*" if place == "node" else place, name)
     if place == "fiber" or "-" in place:
         return Setting("fiber", "" if place == "fiber" else place, name)

@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import Console
 
 from qmn.jobs import calls, counted_service, eavesdropping, runner, superdense
+from qmn.jobs.adjustment import WORDS, behind
 from qmn.jobs.run_context import RunContext, known_facts, note_light
 from qmn.jobs.transfer import TransferError
 from qmn.network.description import NetworkDescription
@@ -146,8 +147,8 @@ def _require_same(made: Made, job: str, changes: Mapping[str, Any]) -> None:
     requested = from_keywords(NetworkOptions, named, topology=topology)
     for name in sorted(changes):
         value, stands = getattr(requested, name), getattr(options, name)
-        if job == "swap" and name == "switch":  # behind the parts that a swap gives all switches
-            value = (*stands[: len(stands) - len(value)], *value)
+        if name in WORDS:  # behind the parts that a swap gives all switches, and its like
+            value = behind(stands, value)
         if value != stands:
             error = _fixed_at_start(job, name, value)
             raise BadInput(f"{error}; this one has {stands!r}")

@@ -1,6 +1,6 @@
 """Calls of the runner to the dispatcher of a network that this process has started."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -12,6 +12,7 @@ from topologies.networks.network import Network
 from topologies.system.processes.programs import NetworkError
 from topologies.system.runs.runtime import DISPATCHER
 from wire.dispatcher_pb2 import (
+    AdjustMemoryRequest,
     HeldBlock,
     StatusReply,
     StatusRequest,
@@ -59,6 +60,13 @@ def switch_statistics(network: Network) -> dict[str, SwitchStatisticsReply]:
             name: stub.SwitchStatistics(SwitchStatisticsRequest(switch=name), **options)
             for name in network.runtime.switches
         }
+
+
+def adjust_memories(network: Network, changes: Mapping[str, Mapping[str, float]]) -> None:
+    """Change settings of memories of hosts and switches, by their names."""
+    with _asking(network) as (stub, options):
+        for name, settings in changes.items():
+            stub.AdjustMemory(AdjustMemoryRequest(node=name, settings=settings), **options)
 
 
 def switch_conditions(network: Network) -> dict[str, SwitchCondition]:

@@ -6,12 +6,13 @@ with start("sdc", length_km=1.0) as network:
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any, TypedDict, Unpack
 
 from programs.network_waits import NetworkWaits
 from qmn.jobs import on_network
+from qmn.jobs.adjustment import adjusted
 from qmn.jobs.on_network import STANDING, Made
 from qmn.network.checks import check_two_hosts
 from qmn.options import BadInput
@@ -88,9 +89,12 @@ class QuantumNetwork(Network):
         """Do a job of `qmn run`, as run("swap", count=500); return what its result.json has.
 
         Options are those of the command line, in Python's spelling. Raise BadInput for one that
-        needs another network, TransferError if the job fails; the network goes on standing.
+        needs another network, TransferError if the job fails; the network goes on standing, with
+        decays of memories as `device` and `switch` have named them last.
         """
         self.jobs += 1
+        stands = adjusted(self, self.made.description, options)
+        self.made = replace(self.made, description=stands)
         return JobResult(**vars(on_network.run(self, self.made, job, options, self.jobs)))
 
     def __getattr__(self, name: str) -> Callable[..., JobResult]:

@@ -58,6 +58,7 @@ class Condition:
     stuck: frozenset[tuple[int, int]] = frozenset()  # paths that cannot be changed
     failed: frozenset[int] = frozenset()  # inner ports whose parts have failed
     cutoffs_s: Mapping[int, float] = field(default_factory=dict)  # of memories, if set
+    memory: Mapping[str, float] = field(default_factory=dict)  # settings of all that were adjusted
     hot: bool = False  # above its limit: its paths lose more than they did
     channels: Mapping[int, Channel] = field(default_factory=dict)  # ports that multiplexers fix
 

@@ -325,6 +325,7 @@ def _condition(condition: messages.SwitchCondition) -> Condition:
         stuck=frozenset((one.in_port, one.out_port) for one in condition.stuck),
         failed=frozenset(condition.failed),
         cutoffs_s=dict(condition.cutoffs_s),
+        memory=dict(condition.memory),
         hot=condition.hot,
         channels={one.port: Channel(one.frequency_mhz, one.grid_mhz) for one in condition.channels},
     )

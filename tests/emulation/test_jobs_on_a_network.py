@@ -1,12 +1,14 @@
 """Jobs that a script does, one after the other, on a network that goes on standing."""
 
-from math import exp, sqrt
+from math import exp, inf, sqrt
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from applications.ghz.service import GhzFigures
 from qmn.jobs.counted_service import PARTS
+from qmn.network.custom_topology import BadTopology
 from qmn.options import BadInput
 from qmn.results.run_result import RunResult
 from qmn.scripting import run, start, start_for
@@ -54,6 +56,37 @@ def test_pairs_of_two_swaps_dephase_by_the_sum_of_their_waits(tmp_path: Path) ->
     assert second.pairs_made == first.pairs_made  # of a job alone, not of all so far
     assert (tmp_path / "2-swap" / "result.json").is_file()
     assert second.rows()[0]["switches"] == 2
+
+
+@pytest.mark.parametrize("option", ["device", "switch"])
+def test_memories_that_are_adjusted_are_those_of_a_network_started_so(option: str) -> None:
+    """All figures are equal, also what hosts expect; with the T2 of the start they are others."""
+    job: dict[str, Any] = {"count": 300, "sample": 0.5}
+
+    def figures(t2_s: float, then_s: float) -> tuple[PairFigures, list[float]]:
+        place = "alice." * (option == "device")
+        words: dict[float, Any] = {each: [f"{place}memory.t2_s={each}"] for each in (t2_s, then_s)}
+        with start_for(
+            "swap", switches=1, length_km=10, seed=3, **job, **{option: words[t2_s]}
+        ) as network:
+            result = network.run("swap", **job, **{option: words[then_s]})
+            again = network.run("swap", **job)  # goes on so
+            with pytest.raises(BadTopology, match=r"t2_s 0.0: choose 1e-12 or more"):
+                network.run("swap", **job, **{option: [f"{place}memory.t2_s=0"]})
+            with pytest.raises(BadInput, match="fixed when a network starts"):
+                network.run("swap", **job, **{option: [f"{place}memory.capacity=900"]})
+        assert isinstance(again.asking, PairFigures)
+        assert result.network is not None
+        of_switches = [switch.memory.t2_s for switch in result.network.switches]
+        assert isinstance(result.asking, PairFigures)
+        return result.asking, of_switches
+
+    started, adjusted, others = figures(2e-3, 2e-3), figures(1.0, 2e-3), figures(1.0, 1.0)
+    assert vars(adjusted[0]) == vars(started[0])
+    assert adjusted[1] == started[1] == [2e-3 if option == "switch" else inf]
+    assert adjusted[0].fidelity != others[0].fidelity
+    if option == "device":
+        assert adjusted[0].fidelity_expected != others[0].fidelity_expected
 
 
 def test_all_kinds_of_jobs_follow_each_other_and_impossible_ones_are_refused() -> None:

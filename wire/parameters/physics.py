@@ -243,6 +243,10 @@ class Memory:
             )
 
 
+# Settings of a memory that can change while a network stands.
+ADJUSTABLE = "t1_s", "t2_s", "depolarizing_s", "retrieval_s", "efficiency", "cutoff_s"
+
+
 @dataclass(frozen=True)
 class Gates(Part):
     """A host's gates on the qubits that it holds, and how good they are.

@@ -24,7 +24,13 @@ from numpy.typing import NDArray
 
 from dispatcher.devices.decay import Decay, decay
 from dispatcher.layer.ownership import BlockName
-from wire.dispatcher_pb2 import CreateRequest, DiscardRequest, Feedback, StoreRequest
+from wire.dispatcher_pb2 import (
+    AdjustMemoryRequest,
+    CreateRequest,
+    DiscardRequest,
+    Feedback,
+    StoreRequest,
+)
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import BadParameter, Device, Memory, PairSource
 
@@ -89,6 +95,51 @@ def counts(feedback: Feedback) -> list[int]:
     """Return how many pairs were measured in each Bell state."""
     outcomes = np.frombuffer(feedback.outcomes, np.uint8)
     return [int(np.count_nonzero(outcomes == state)) for state in range(4)]
+
+
+def test_a_memory_that_is_adjusted_decays_so_from_then_on(tmp_path: Path) -> None:
+    async def act(bench: Bench, clock: JumpingClock) -> None:
+        for number, t2_s in enumerate((1.0, 0.2)):
+            request = AdjustMemoryRequest(node="alice", settings={"t2_s": t2_s})
+            await bench.runner.call("AdjustMemory", request)
+            await bench.alice.create(COUNT, number)
+            for half in (0, 1):
+                await store(bench.alice, half, number)
+            clock.time_ns += 100_000_000
+            found = await bench.alice.bell_measure(block(number, 0), block(number, 1))
+            expected = bell_probabilities(0.1, 1.0, t2_s)
+            assert all(within(n, COUNT, p) for n, p in zip(counts(found), expected, strict=True))
+
+    run(tmp_path, act, t1_s=1.0, t2_s=0.5)
+
+
+@pytest.mark.parametrize(
+    ("caller", "node", "settings", "code", "text"),
+    [
+        ("alice", "alice", {"t2_s": 1.0}, "PERMISSION_DENIED", "only runner may"),
+        ("runner", "nobody", {"t2_s": 1.0}, "NOT_FOUND", "nobody has no memory"),
+        ("runner", "q1", {"t2_s": 1.0}, "NOT_FOUND", "q1 has no memory"),
+        ("runner", "alice", {"t3_s": 1.0}, "INVALID_ARGUMENT", "has no t3_s"),
+        ("runner", "alice", {"capacity": 1.0}, "INVALID_ARGUMENT", "has no capacity"),
+        ("runner", "alice", {"t2_s": 0.0}, "INVALID_ARGUMENT", "t2_s 0.0: choose 1e-12 or more"),
+        ("runner", "alice", {"t2_s": np.nan}, "INVALID_ARGUMENT", "t2_s nan: choose 1e-12 or"),
+        ("runner", "alice", {"t2_s": 3.0}, "INVALID_ARGUMENT", "choose 1e-12 to 2 (twice t1_s)"),
+        ("runner", "alice", {"efficiency": 2.0}, "INVALID_ARGUMENT", "2.0: choose 0 to 1"),
+    ],
+)
+def test_a_memory_that_cannot_be_so_stays_as_it_was(
+    tmp_path: Path, caller: str, node: str, settings: dict[str, float], code: str, text: str
+) -> None:
+    async def act(bench: Bench, _clock: JumpingClock) -> None:
+        before = bench.layer.devices.of("alice")
+        request = AdjustMemoryRequest(node=node, settings=settings)
+        with pytest.raises(grpc.aio.AioRpcError) as refused:
+            await getattr(bench, caller).call("AdjustMemory", request)
+        assert refused.value.code().name == code
+        assert text in str(refused.value.details())
+        assert bench.layer.devices.of("alice") == before
+
+    run(tmp_path, act, t1_s=1.0, t2_s=1.0)
 
 
 def test_the_reference_gives_the_known_fidelity_of_two_sided_damping() -> None:

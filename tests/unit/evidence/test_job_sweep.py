@@ -53,12 +53,17 @@ def test_the_memories_of_all_nodes_of_a_swap_are_those_of_switches_too() -> None
     assert "switch" not in options_of("teleport", values, 7)
 
 
-def test_points_that_differ_in_the_job_alone_share_a_network() -> None:
+def test_points_that_differ_in_job_and_decays_of_memories_alone_share_a_network() -> None:
     grid = sweep()
     groups = [*grid.experiment.groups([*grid.points()])]
-    assert [len(group) for group in groups] == [3] * 6
+    assert [len(group) for group in groups] == [6] * 3
     for group in groups:
-        assert len({(values["switches"], values["node.memory.t2_s"]) for values in group}) == 1
+        assert len({values["switches"] for values in group}) == 1
+    assert job_sweep.networks_of(grid) == "a network for each switches"
+    shared = ["q1.memory.t2_s", "switch.memory.cutoff_s", "bob.memory.efficiency", "count"]
+    assert not [*filter(job_sweep.is_at_start, shared)]
+    for own in ("node.memory.capacity", "bob.detectors.efficiency", "fiber.loss_db_per_km"):
+        assert job_sweep.is_at_start(own)
     fractions = grid_of("qkd", {"eve": "0:0.3:120"})
     sizes = [len(each) for each in fractions.experiment.groups([*fractions.points()])]
     assert sizes == [50, 50, 20]

@@ -1,5 +1,6 @@
 """Outcomes of a switch's analysers are sent by the entries of their port; counts are read."""
 
+import struct
 from dataclasses import replace
 from typing import Any
 
@@ -24,6 +25,7 @@ from wire.analyser_frames import (
     decode_counts,
 )
 from wire.parameters.switch import inner_ports
+from wire.part_descriptions import NEVER_NS
 
 OUTCOMES = bytes([0, 1, 2, 3, 255, 255])
 REPORT = AnalyserFrame(60_003, 1, End.MEASURED, 6, 0, OUTCOMES)
@@ -127,6 +129,27 @@ def test_a_part_that_fails_is_a_port_without_light_and_is_announced() -> None:
             assert announced == [60_001]
             shown = [now.switch.shown(port(number, state=ofp.OFPPS_LIVE)) for number in inner]
             assert [each.state for each in shown] == [ofp.OFPPS_LINK_DOWN, ofp.OFPPS_LIVE]
+
+    play(scene())
+
+
+def test_a_memory_is_described_as_it_was_adjusted() -> None:
+    """Words of 64 bits behind kind, number, modes and efficiency: T1, T2 and cut-off in ns."""
+
+    async def scene() -> None:
+        async with stage() as now:
+            inner = inner_ports(0, 1)
+            now.switch.inner_ports = InnerPorts(inner, print)
+            now.switch.inner = frozenset(inner)
+            for memory, cutoffs_s, wanted in (
+                ({}, {}, (NEVER_NS, NEVER_NS)),
+                ({"t2_s": 0.5, "cutoff_s": 2.0}, {}, (5 * 10**8, 2 * 10**9)),
+                ({"t2_s": 0.5, "cutoff_s": 2.0}, {61_001: 3.0}, (5 * 10**8, 3 * 10**9)),
+            ):
+                condition = replace(CONDITION, memory=memory, cutoffs_s=cutoffs_s)
+                now.switch.condition_changed(condition)
+                properties = now.switch.shown(port(61_001)).properties
+                assert struct.unpack("!QQ", properties[36:52]) == wanted
 
     play(scene())
 
