@@ -8,6 +8,7 @@ import hashlib
 import json
 import re
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -90,3 +91,6 @@ def test_the_recording_is_in_asciinemas_format_and_of_the_machine_that_the_readm
     shown = "".join(text for _seconds, _kind, text in events)
     assert set(re.findall(r"\S+/qmn/runs/", shown)) == {"/home/you/qmn/runs/"}
     assert "\x1b[1;32m$" in shown
+    times = [seconds for seconds, _kind, _text in events]
+    pauses = (later - earlier for earlier, later in pairwise([0, *times]))
+    assert sum(min(each, header["idle_time_limit"]) for each in pauses) == pytest.approx(60, abs=5)
