@@ -56,6 +56,7 @@ def test_a_controller_answers_beside_its_work(tmp_path: Path, framework: str) ->
             program.wait(SOON_S)
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("framework", ["ryu", "os-ken"])
 def test_recorded_facts_are_counted_and_set_ups_timed(framework: str) -> None:
     done = subprocess.run(

@@ -136,26 +136,38 @@ def test_tshark_shows_its_fields(package: Path, tmp_path: Path) -> None:
     assert wrong["coin.malformed"]
 
 
-def device_of(package: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    program = (
-        "import sys; from qmn.network.part_options import _changed_devices as f;"
-        "print(f({}, sys.argv[1:])['bob'].detectors)"
-    )
-    return python(package, "-c", program, *words)
+DEVICES = """
+import json, sys
+from qmn.network.custom_topology import BadTopology
+from qmn.network.part_options import _changed_devices
+
+def detectors(words):
+    try:
+        return str(_changed_devices({}, words)["bob"].detectors)
+    except BadTopology as error:
+        return str(error)
+
+print(json.dumps([detectors(line.split()) for line in sys.argv[1:]]))
+"""
 
 
 def test_the_parameter_of_its_noise_is_one_of_a_device(package: Path) -> None:
-    done = device_of(package, "bob.detectors.wear.misread=0.1", "bob.detectors.efficiency=0.5")
-    assert "noise='wear', noise_parameters={'misread': 0.1}" in done.stdout
-    assert "efficiency=0.5" in done.stdout
-    for word, refusal in (
-        ("bob.analyser.wear.misread=0.1", "analyser has no noise"),
-        ("bob.detectors.tear.misread=0.1", "detectors has no tear.misread"),
-        ("bob.detectors.wear.misread=much", "choose a number"),
-    ):
-        assert refusal in device_of(package, word).stderr, word
-    done = device_of(package, "bob.detectors.noise=a.py:Rust", "bob.detectors.wear.misread=0.1")
-    assert "detectors has the noise a.py:Rust: choose one of both" in done.stderr
+    done = printed(
+        package,
+        "-c",
+        DEVICES,
+        "bob.detectors.wear.misread=0.1 bob.detectors.efficiency=0.5",
+        "bob.analyser.wear.misread=0.1",
+        "bob.detectors.tear.misread=0.1",
+        "bob.detectors.wear.misread=much",
+        "bob.detectors.noise=a.py:Rust bob.detectors.wear.misread=0.1",
+    )
+    assert "noise='wear', noise_parameters={'misread': 0.1}" in done[0]
+    assert "efficiency=0.5" in done[0]
+    assert "analyser has no noise" in done[1]
+    assert "detectors has no tear.misread" in done[2]
+    assert "choose a number" in done[3]
+    assert "detectors has the noise a.py:Rust: choose one of both" in done[4]
 
 
 def test_a_package_that_cannot_be_loaded_is_named_and_left_out(package: Path) -> None:
@@ -176,20 +188,38 @@ NAMES = {
     "from views.dissection.dissectors import PACKAGES as names": "coin/dissection.py",
     "from hosts.middleware.services import named; names = named()": "coin/ends.py",
 }
+ALL_NAMES = f"""
+import json
+found = []
+for text in {[*NAMES]}:
+    exec(text)
+    found.append(sorted(names))
+print(json.dumps(found))
+"""
 
 
+@pytest.fixture(scope="module")
+def without() -> dict[str, Any]:
+    """Return the names at each door where the package is not installed."""
+    return dict(zip(NAMES, printed(ROOT, "-c", ALL_NAMES), strict=True))
+
+
+def test_a_package_adds_its_names_at_each_door(package: Path, without: dict[str, Any]) -> None:
+    found = dict(zip(NAMES, printed(package, "-c", ALL_NAMES), strict=True))
+    assert all(len(names) > len(without[door]) for door, names in found.items())
+
+
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize(
     "fault", ["1 / 0\n", "COIN = WORN = LIFO = VILLAGE = LAB = LUA = KIND = last_come = 7\n"]
 )
 @pytest.mark.parametrize(("names", "file"), NAMES.items(), ids=list(NAMES.values()))
 def test_a_door_leaves_out_what_is_broken_and_names_it(
-    package: Path, names: str, file: str, fault: str
+    package: Path, names: str, file: str, fault: str, without: dict[str, Any]
 ) -> None:
-    program = f"{names}; print(sorted(names))"
-    whole, without = python(package, "-c", program), python(ROOT, "-c", program)
     (package / file).write_text(fault)
-    done = python(package, "-c", program)
-    assert done.stdout == without.stdout != whole.stdout
+    done = python(package, "-c", f"{names}; import json; print(json.dumps(sorted(names)))")
+    assert json.loads(done.stdout) == without[names]
     assert re.search(r"qmn\.\w+: \w+ \(coin[\w.:]*\) is left out: ", done.stderr)
 
 

@@ -27,7 +27,8 @@ runpy.run_module("qmn", run_name="__main__", alter_sys=True)
 """
 STRUCK_WHILE_IT_ENDS = """
 import atexit, os, runpy, signal, sys
-atexit.register(os.kill, os.getpid(), signal.Signals[sys.argv.pop()])
+for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+    atexit.register(os.kill, os.getpid(), number)
 runpy.run_module("qmn", run_name="__main__", alter_sys=True)
 """
 
@@ -135,27 +136,33 @@ def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def completions(prefix: Path, *words: str, where: Path = ROOT) -> set[str]:
-    """Return how bash would complete the last word."""
-    script = 'source "$1"; shift; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); _shtab_qmn; '
-    script += "printf '%s\\n' \"${COMPREPLY[@]}\""
+def completions(prefix: Path, *lines: str, where: Path) -> list[set[str]]:
+    """Return how bash would complete the last word of each line; it may be empty."""
+    script = 'source "$1"; shift; for line; do read -ra COMP_WORDS <<<"qmn $line"; '
+    script += '[[ $line != *" " ]] || COMP_WORDS+=(""); COMP_CWORD=$((${#COMP_WORDS[@]} - 1)); '
+    script += 'COMPREPLY=(); _shtab_qmn; echo "${COMPREPLY[@]}"; done'
     file = prefix / "share/bash-completion/completions/qmn"
-    return set(run("bash", "-c", script, "bash", file, "qmn", *words, cwd=where).stdout.split())
+    done = run("bash", "-c", script, "bash", file, *lines, cwd=where)
+    return [set(line.split()) for line in done.stdout.splitlines()]
 
 
 def test_installed_it_runs_and_is_completed(prefix: Path, tmp_path: Path) -> None:
     usage = run(prefix / "bin" / "qmn", "--help").stdout
     assert usage.startswith("usage: qmn [-h] [--version] VERB")
-    assert completions(prefix, "--ver") == {"--version"}
-    assert completions(prefix, "set", "cal") == {"calibrate"}
-    assert completions(prefix, "run", "tele") == {"teleport"}
-    assert completions(prefix, "run", "sdc", "--controller", "") == {"ryu", "os-ken"}
-    assert completions(prefix, "report", "READ") == {"README.md"}
-    (tmp_path / "runs" / "20260101T100000-sdc").mkdir(parents=True)
     name = "20260101T100000-sdc"
-    assert completions(prefix, "report", "2026", where=tmp_path) == {name}
-    assert completions(prefix, "runs", "compare", "2026", where=tmp_path) == {name}
-    assert completions(prefix, "spy", "runs/20", where=tmp_path) == {f"runs/{name}"}
+    (tmp_path / "runs" / name).mkdir(parents=True)
+    (tmp_path / "README.md").touch()
+    completed = {
+        "--ver": "--version",
+        "set cal": "calibrate",
+        "run tele": "teleport",
+        "report READ": "README.md",
+        "report 2026": name,
+        "runs compare 2026": name,
+        "spy runs/20": f"runs/{name}",
+    }
+    found = completions(prefix, *completed, "run sdc --controller ", where=tmp_path)
+    assert found == [*({word} for word in completed.values()), {"ryu", "os-ken"}]
     page = (prefix / "share/man/man1/qmn.1").read_text()
     assert "qmn \\- the Mininet for programmable quantum networks" in page
     assert "qmn run teleport" in page
@@ -215,10 +222,9 @@ def test_the_citation_has_the_fields_that_the_format_knows() -> None:
     assert paper["identifiers"] == [{"type": "other", "value": "arXiv:1604.01276"}]
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
-def test_a_signal_after_the_last_word_changes_nothing(name: str, tmp_path: Path) -> None:
+def test_signals_after_the_last_word_change_nothing(tmp_path: Path) -> None:
     listed = "runs", "--runs", tmp_path, "--json"
-    done = run(sys.executable, "-c", STRUCK_WHILE_IT_ENDS, *listed, name, cwd=ROOT)
+    done = run(sys.executable, "-c", STRUCK_WHILE_IT_ENDS, *listed, cwd=ROOT)
     assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "[]", "")
 
 

@@ -58,6 +58,7 @@ def test_an_installed_package_has_a_job_of_its_own(tmp_path: Path) -> None:
 TWO = "one = greeting:VERBS\nother = greeting:VERBS\n"
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize(
     ("option", "group"), [("--tags=new", CLICK_OBSERVERS), ("--gnmi", TELEMETRY)]
 )
