@@ -37,10 +37,15 @@ def parsed(file: Path) -> ast.Module:
 
 
 @cache
+def nodes(file: Path) -> list[ast.AST]:
+    """Return all of a file's syntax tree."""
+    return list(ast.walk(parsed(file)))
+
+
+@cache
 def statements(file: Path) -> list[ast.Import | ast.ImportFrom]:
     """Return where a file imports something, wherever it does so."""
-    nodes = ast.walk(parsed(file))
-    return [node for node in nodes if isinstance(node, ast.Import | ast.ImportFrom)]
+    return [node for node in nodes(file) if isinstance(node, ast.Import | ast.ImportFrom)]
 
 
 def imports(file: Path) -> Iterator[str]:
@@ -72,7 +77,7 @@ def test_the_core_names_no_package_around_it() -> None:
         others = set(RINGS) - ({"views"} if folder in ("qmn", "views") else set())
         for file in sources(folder):
             assert not {name.split(".")[0] for name in imports(file)} & others, file
-            names = [n.value for n in ast.walk(parsed(file)) if isinstance(n, ast.Constant)]
+            names = [n.value for n in nodes(file) if isinstance(n, ast.Constant)]
             assert not [n for n in names if isinstance(n, str) and n.startswith(NAMES_AROUND)], file
 
 
@@ -233,7 +238,7 @@ def test_a_protocol_knows_no_socket_clock_or_thread() -> None:
             edges = {"asyncio", "socket", "time", "threading", "grpc", "hosts.network_loop"}
             assert not edges & set(imports(used)), used
         waits = ast.AsyncFunctionDef | ast.Await | ast.AsyncFor | ast.AsyncWith
-        assert not any(isinstance(node, waits) for node in ast.walk(parsed(file))), file
+        assert not any(isinstance(node, waits) for node in nodes(file)), file
 
 
 def with_all_it_imports(file: Path) -> set[Path]:
@@ -256,7 +261,7 @@ def test_the_docstring_of_a_module_says_what_the_module_is() -> None:
 
 def test_which_openflow_error_answers_what_stands_in_one_table() -> None:
     for file in sources("qswitch_agent"):
-        calls = [n for n in ast.walk(parsed(file)) if isinstance(n, ast.Call)]
+        calls = [n for n in nodes(file) if isinstance(n, ast.Call)]
         named = {call.func.id for call in calls if isinstance(call.func, ast.Name)}
         assert "Refusal" not in named or file.name == "refusals.py", file
 
@@ -292,7 +297,7 @@ NOT_WAITS = {
 def times(file: Path) -> set[str]:
     """Return the constants of a file that are times, in modules and in classes."""
     found = set()
-    for node in ast.walk(parsed(file)):
+    for node in nodes(file):
         targets: list[ast.expr] = [node.target] if isinstance(node, ast.AnnAssign) else []
         if isinstance(node, ast.Assign):
             targets = node.targets
@@ -344,7 +349,7 @@ LUA_TEXT = re.compile(r'"[^"\n]*"')
 def test_names_are_plain_words() -> None:
     for folder in ALL[:-1]:
         for file in sources(folder):
-            for node in ast.walk(parsed(file)):
+            for node in nodes(file):
                 name = getattr(node, "name", getattr(node, "attr", getattr(node, "id", None)))
                 assert not isinstance(name, str) or not NOT_NAMES.search(name), (file, name)
 
@@ -352,13 +357,12 @@ def test_names_are_plain_words() -> None:
 def texts(file: Path) -> Iterator[str]:
     """Yield the texts in a file that users can meet: not docstrings."""
     documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-    tree = parsed(file)
     silent = {
         id(node.body[0].value)
-        for node in ast.walk(tree)
+        for node in nodes(file)
         if isinstance(node, documented) and node.body and isinstance(node.body[0], ast.Expr)
     }
-    for node in ast.walk(tree):
+    for node in nodes(file):
         if isinstance(node, ast.JoinedStr):
             parts = [part.value if isinstance(part, ast.Constant) else "X" for part in node.values]
             yield "".join(map(str, parts))
