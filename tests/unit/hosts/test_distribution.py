@@ -137,6 +137,7 @@ def test_two_rounds_of_bbpssw_are_those_of_werner_pairs(tmp_path: Path) -> None:
     assert near(alice, werner(twice))
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("bell", [(0.8, 0.2, 0.0, 0.0), (0.8, 0.0, 0.2, 0.0), (0.8, 0.0, 0.0, 0.2)])
 def test_pairs_with_one_kind_of_error_are_twirled_or_used_as_they_are(
     tmp_path: Path, bell: Bell

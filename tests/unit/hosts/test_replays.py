@@ -284,7 +284,7 @@ def test_a_pair_of_a_session_is_taken_once(tmp_path: Path) -> None:
                 "handshake": "per-pair",
                 "frame_bytes": 16,
                 "block_pairs": 256,
-                "data": DATA[:48],
+                "data": DATA[:16],
             }
             report = await asyncio.to_thread(session, tmp_path, "sdc", **options)
             assert [each.text for each in report] == ["", ""]
@@ -299,7 +299,7 @@ def test_a_pair_of_a_session_is_taken_from_its_own_sender_alone(tmp_path: Path) 
 
     async def intrude(message: Message) -> Message:
         setup = next(setup for setup in recorder.granted if setup.block)
-        errors.append(await sent(replace(setup, block=150), "bob", OWN_ADDRESS["eve"]))
+        errors.append(await sent(replace(setup, block=60), "bob", OWN_ADDRESS["eve"]))
         return message
 
     async def run() -> None:
@@ -309,12 +309,12 @@ def test_a_pair_of_a_session_is_taken_from_its_own_sender_alone(tmp_path: Path) 
                 "handshake": "per-pair",
                 "frame_bytes": 16,
                 "block_pairs": 256,
-                "data": DATA[:48],
+                "data": DATA[:16],
             }
             report = await asyncio.to_thread(session, tmp_path, "sdc", **options)
             assert [each.text for each in report] == ["", ""]
 
     network_loop.run(run())
-    assert max(setup.block for setup in recorder.granted) >= 150
-    words = f"pair 150 of a session of 127.0.0.1 from {OWN_ADDRESS['eve']}"
+    assert max(setup.block for setup in recorder.granted) >= 60
+    words = f"pair 60 of a session of 127.0.0.1 from {OWN_ADDRESS['eve']}"
     require_refused(errors, Reason.UNKNOWN_SESSION, words)

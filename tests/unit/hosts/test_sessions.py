@@ -53,13 +53,14 @@ def exchange(
 
 @pytest.mark.parametrize("handshake", ["framed", "per-pair", "sequential"])
 def test_bytes_arrive_as_they_were_sent(tmp_path: Path, handshake: str) -> None:
-    data = bytes(range(256))[:24]
+    data = bytes(range(244, 256))
     got, statistics = exchange(tmp_path, data, handshake=handshake)
     assert got == data
     assert statistics["bell_pairs"] == 4 * len(data)
     assert statistics["lost_pairs"] == statistics["repeated_frames"] == 0
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("handshake", ["framed", "per-pair"])
 @pytest.mark.parametrize("rotation", [Pauli.X, Pauli.Z, Pauli.XZ])
 def test_a_wrong_rotation_in_the_verdict_breaks_every_frame(
@@ -75,6 +76,7 @@ def test_a_wrong_rotation_in_the_verdict_breaks_every_frame(
     assert caught.value.reason == Reason.TOO_NOISY
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("handshake", ["framed", "per-pair"])
 @pytest.mark.parametrize("rotation", [Pauli.X, Pauli.Z, Pauli.XZ])
 def test_the_known_rotation_of_the_switch_is_undone(

@@ -106,7 +106,7 @@ def test_settings_that_are_refused_change_nothing(service: str) -> None:
     assert {name: found[name] for name in usual(service)} == usual(service)
 
 
-@pytest.mark.by_day(every=3)
+@pytest.mark.by_day(every=4)
 @pytest.mark.parametrize(
     ("service", "host", "part"),
     [
