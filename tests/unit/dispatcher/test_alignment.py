@@ -215,7 +215,7 @@ def test_heralds_of_scrambled_light_are_the_mean_over_its_overlap(
     scheme: str, efficiency: float
 ) -> None:
     """Of any two polarisations it is evenly between 0 and 1: Fock space, summed over it."""
-    alpha, best, count = 0.3, 0.9, 60_000
+    alpha, best, count = 0.3, 0.9, 30_000
     device = Device(
         PairSource(encoding="time-bin"), emitter=Emitter(scheme, efficiency, alpha, modes=100)
     )

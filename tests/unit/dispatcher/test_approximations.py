@@ -62,6 +62,7 @@ def furthest(quaternion: NDArray[np.float64]) -> float:
     return most
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("angle_rad", [0.1, 0.4, 1.2, np.pi / 2])
 def test_flips_for_a_phase_are_wrong_by_half_the_sine_of_its_angle(angle_rad: float) -> None:
     turned = np.array([np.cos(angle_rad / 2), 0, 0, np.sin(angle_rad / 2)])

@@ -35,6 +35,7 @@ async def switched(there: Laboratory) -> NDArray[np.bool_]:
     return await errors(there)
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("others_s", [0.02, 0.05, None])
 def test_compensators_of_a_switch_and_a_host_undo_a_section_each(others_s: float | None) -> None:
     """Of independent turns by any axis 1 - 2 e multiplies; None: the other fibre turns nothing."""

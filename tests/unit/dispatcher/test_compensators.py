@@ -39,6 +39,7 @@ from wire.parameters.physics import (
 )
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize(("every_s", "rms_rad"), [(0.005, 0.8), (0.4, 0.8), (0.05, 2.0)])
 def test_errors_grow_with_the_interval_between_looks(every_s: float, rms_rad: float) -> None:
     compensator = replace(IDEAL, every_s=every_s)
@@ -136,7 +137,7 @@ def test_what_is_out_of_range_is_clipped(retarders: int) -> None:
 
 def test_a_fourth_retarder_spares_ways_back() -> None:
     """Of turns that wander by .05 rad three have to go back by a radian and more now and then."""
-    steps = Rotation.from_rotvec(np.random.default_rng(1).standard_normal((2000, 3)) * 0.05)
+    steps = Rotation.from_rotvec(np.random.default_rng(1).standard_normal((500, 3)) * 0.05)
     long_moves = {}
     for retarders in (3, 4):
         held, moves, turn = np.zeros(retarders), [], Rotation.identity()
@@ -313,6 +314,7 @@ def kept(limit: float) -> float:
     return float((np.arccos(c) - c * np.arccosh(1 / c)) / np.pi)
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("limit", [0.25, 0.4])
 def test_an_error_rate_beyond_its_limit_has_light_interrupted(limit: float) -> None:
     """Each of 300 looks sees another turn, of 4 rad rms: any; it takes 100 of 200 pulses."""

@@ -24,6 +24,7 @@ def angles(
     return found
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("lag", [0.0, 0.1, 0.5, 2.0])
 def test_polarisation_drift_has_the_rms_and_the_correlation_of_ornstein_uhlenbeck(
     lag: float,
@@ -44,6 +45,7 @@ def test_polarisation_drift_has_the_rms_and_the_correlation_of_ornstein_uhlenbec
     assert abs((first * second).mean() - rms**2 * correlation) < 5 * error
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("time_s", [1e-9, 1e-7, 1e-4])
 def test_within_a_long_block_the_angle_wanders_as_in_many_short_ones(time_s: float) -> None:
     rms, interval_s = 0.2, 20e-9
@@ -142,6 +144,7 @@ def test_bursts_are_as_frequent_and_as_long_as_their_rates_say(interval_ns: floa
     assert abs(product - expected) < 5 * error
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("lag", [0.1, 1.0, 10.0])
 def test_the_state_is_remembered_between_blocks(lag: float) -> None:
     later_ns = START_NS + 20 + round(lag / FORGET_HZ * SECOND_NS)

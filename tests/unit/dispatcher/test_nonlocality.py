@@ -63,6 +63,7 @@ async def turned(bench: Bench, number: int, angles: tuple[float, float]) -> floa
     return correlation(ours, theirs)
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("backend", ["chp", "stim", "dense"])
 @pytest.mark.parametrize("fidelity", [1.0, 0.9])
 def test_chsh_of_werner_pairs_is_as_in_theory(
@@ -153,6 +154,7 @@ class Laboratory:
         return int(self.sabot.measure(self.bob, bases, self.draws("bob")).sum())
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("what", ALICE_DOES)
 @pytest.mark.parametrize("backend", ["chp", "stim", "dense"])
 def test_bob_cannot_tell_what_alice_does(backend: str, what: str) -> None:

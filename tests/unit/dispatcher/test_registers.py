@@ -295,7 +295,7 @@ def outcomes_of(backend: str, seed: int, gates: tuple[GateName, ...]) -> list[in
     return found
 
 
-@pytest.mark.by_day(every=3)
+@pytest.mark.by_day(every=5)
 @pytest.mark.parametrize("seed", range(30))
 def test_a_block_behaves_as_its_photons_one_by_one_and_on_any_backend_alike(seed: int) -> None:
     outcomes = outcomes_of("chp", seed, CLIFFORDS)
@@ -303,7 +303,7 @@ def test_a_block_behaves_as_its_photons_one_by_one_and_on_any_backend_alike(seed
     assert outcomes_of("dense", seed, CLIFFORDS) == outcomes
 
 
-@pytest.mark.by_day(every=3)
+@pytest.mark.by_day(every=5)
 @pytest.mark.parametrize("seed", range(30))
 def test_a_block_that_becomes_state_vectors_behaves_as_its_photons_one_by_one(seed: int) -> None:
     gates: tuple[GateName, ...] = (*CLIFFORDS, "T", "T_DAG", "T")

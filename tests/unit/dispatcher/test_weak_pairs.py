@@ -139,6 +139,7 @@ def nothing_weak(_layer: PhysicalLayer, why: str, *blocks: Block) -> None:
     assert all(block.weak is None for block in blocks), why
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_what_clicks_is_the_same_if_all_pairs_are_entangled_qubits(
     seed: int, monkeypatch: pytest.MonkeyPatch

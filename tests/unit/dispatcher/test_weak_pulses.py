@@ -120,6 +120,7 @@ async def exchanged(config: DispatcherConfig, rate_hz: int, pulses: int = PULSES
     return seen
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_what_clicks_is_the_same_if_every_photon_is_simulated(
     seed: int, monkeypatch: pytest.MonkeyPatch

@@ -53,8 +53,8 @@ POINTS: list[tuple[str, Values]] = [
         "compensation",
         {
             "every_s": 0.004,
-            "polarization_drift_rad_per_sqrt_km": 20.0,
-            "polarization_drift_time_s": 10.0,
+            "polarization_drift_rad_per_sqrt_km": 5.0,
+            "polarization_drift_time_s": 0.625,
         },
     ),
     ("polarization-modes", {"length_km": 4.0, "pdl_db": 3.0}),

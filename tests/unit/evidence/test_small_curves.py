@@ -113,6 +113,7 @@ def test_graph_states_over_links_that_depolarise(
     assert abs(estimates - fidelity) < 5 / sqrt(PAIRS)
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize(
     ("hosts", "p", "qber", "key"),
     [(3, 0.05, 0.04875, 0.4379), (4, 0.02, 0.029404, 0.6172), (5, 0.1, 0.17195, 0.0)],
