@@ -78,6 +78,7 @@ def test_bb84_finds_the_errors_that_noise_makes(tmp_path: Path) -> None:
     close([a[3] != b[3] for a, b in both if a[2]], (1 - W) / 2, 0, sigmas=5)
 
 
+@pytest.mark.nightly
 def test_a_distributed_cnot_flips_what_the_pair_has_wrong(tmp_path: Path) -> None:
     """An X of the pair is one of the target, a Z one of the control."""
     hosts = {"controller": "alice", "target": "bob"}

@@ -152,13 +152,14 @@ def altered(topic: Topic, way: str) -> Change:
     return change
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize(
     ("topic", "way"),
     [
-        (Topic.RECEIPT, "back"),
         (Topic.OUTCOMES, "back"),
-        (Topic.SYNDROME, "forth"),
+        (Topic.RECEIPT, "back"),
         (Topic.AMPLIFY, "forth"),
+        (Topic.SYNDROME, "forth"),
         (Topic.TAGS, "forth"),
         (Topic.TAGS, "back"),
     ],

@@ -137,6 +137,7 @@ def test_states_over_perfect_fibers_are_graph_states(
     assert [each["states"] for each in others] == [1000] * (hosts - 1)
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize(("hosts", "words"), GRAPHS)
 def test_fibers_that_depolarise_leave_the_fidelity_of_the_closed_form(
     tmp_path: Path, hosts: int, words: str

@@ -51,6 +51,7 @@ def test_half_of_single_photons_are_told_of_and_errors_are_those_of_the_fibres(
     assert alice["key_bits"] > 0
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("analyser", ["beam-splitter", "complete", "linear"])
 @pytest.mark.parametrize("rotation", list(Pauli))
 def test_bits_fit_whatever_is_told_and_however_paths_turn(

@@ -40,6 +40,7 @@ def test_any_state_arrives_over_ideal_fibres_on_dense(tmp_path: Path, state: str
     assert (alice["arrived"], alice["fidelity"]) == (5000, 1)
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("rotation", [1, 2, 3])
 @pytest.mark.parametrize("path", [(4, 1), (5, 2)])
 def test_a_known_rotation_is_undone(tmp_path: Path, path: tuple[int, int], rotation: int) -> None:
@@ -102,6 +103,7 @@ def mean_fidelity(kept: float) -> float:
     return 1 / 2 + (2 * kept + 1) / 6
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("state", ["random", "haar", "1.1,-0.4", "2.5,3", "pi,0", "pi/2,1"])
 def test_each_state_suffers_from_dephasing_as_its_direction_says(
     tmp_path: Path, state: str
@@ -117,6 +119,7 @@ def test_each_state_suffers_from_dephasing_as_its_direction_says(
     assert abs(alice["fidelity"] - fidelity) <= 5 * sqrt(fidelity * (1 - fidelity) / COUNT)
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize(("state", "backend"), [("random", "chp"), ("haar", "dense")])
 @pytest.mark.parametrize("memory", [Memory(1e6, 0.02), Memory(0.04, 0.02), Memory(0.02, 0.03)])
 def test_waiting_in_memory_for_the_bits_costs_fidelity(

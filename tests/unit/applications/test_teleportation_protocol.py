@@ -220,12 +220,13 @@ def test_nothing_is_measured_before_the_bits_have_come_however_they_are_cut(ever
             assert before == [3, 6]
 
 
+@pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize("gone", ["alice", "bob"])
-def test_an_end_that_is_gone_anywhere_ends_the_session(gone: str) -> None:
+def test_an_end_that_is_gone_anywhere_ends_the_session(gone: str, every: int) -> None:
     whole = Ends(count=60)
     whole.scene.run(whole.sending)
     sent, other = (whole.alice, "bob") if gone == "alice" else (whole.bob, "alice")
-    for place in range(len(sent.sent)):
+    for place in range(0, len(sent.sent), every):
         ends = Ends(count=60)
         getattr(ends, other).ends = place
         with pytest.raises(SessionError):

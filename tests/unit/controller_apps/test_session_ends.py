@@ -236,13 +236,13 @@ def test_a_classical_switch_that_leaves_forgets_its_bypasses() -> None:
 
 def test_many_pairs_leave_bounded_tables() -> None:
     state = arbiter()
-    state.sessions.max_retired = 50
+    state.sessions.max_retired = 20
     ask(state, PER_PAIR)
-    for number in range(200):
+    for number in range(60):
         sport = 2000 + number
         granted(state, replace(ONE_PAIR, block=number), sport=sport)
         arrive(state, fin(LATER, sport))
-    assert len(state.sessions.retired) == 50
-    assert len(state.sessions.requests) == 51
+    assert len(state.sessions.retired) == 20
+    assert len(state.sessions.requests) == 21
     assert not state.sessions.held
     assert not state.sessions.occupied

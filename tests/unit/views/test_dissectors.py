@@ -140,6 +140,7 @@ def test_messages_are_put_together_across_segments(tmp_path: Path) -> None:
     assert sum(len(row["qmeta.frames.crc32"]) for row in rows) == 4096 + 4
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("passes", [1, 2])
 @pytest.mark.parametrize("most_bytes", [60, 96, 128, 150])
 def test_what_a_capture_has_cut_is_not_malformed(

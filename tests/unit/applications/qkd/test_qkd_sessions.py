@@ -39,7 +39,7 @@ def same_key(ends: Ends) -> bool:
     return alices is not None and bobs is not None and np.array_equal(alices, bobs)
 
 
-@pytest.mark.by_day(every=5)
+@pytest.mark.by_day(every=10)
 @pytest.mark.parametrize("part", range(10))
 def test_both_ends_hold_the_same_keys_in_a_thousand_sessions(part: int) -> None:
     """A hundred in each part, so that processes can share them."""
