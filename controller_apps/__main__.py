@@ -166,9 +166,11 @@ def start_apps(framework: Any, config: ControllerConfig) -> Any:
     modules = [f"controller_apps.apps.{name}" for name in APPS]
     modules += [app.module for app in PACKAGE_APPS]
     modules += ["controller_apps.console.rest"] if config.rest else []
-    contexts = {"config": config, "mac_table": MacTable(), "record": record, "state": state}
+    modules += config.apps
     guard = partial(Guard, address=config.rest, token=config.rest_token)
-    apps = framework.start([*modules, *config.apps], guard, **contexts)
+    apps = framework.start(
+        modules, guard, config=config, mac_table=MacTable(), record=record, state=state
+    )
     packages = {app.name: apps[app.attr] for app in PACKAGE_APPS}
     facts = Facts(apps["QuantumMetadata"], apps["DeviceMonitor"], packages)
     for server in (console, metrics):

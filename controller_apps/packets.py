@@ -153,14 +153,15 @@ class Frame:
     payload: bytes
 
     def encode(self) -> bytes:
-        ends = IPv4Address(self.source).packed, IPv4Address(self.destination).packed
+        source, destination = IPv4Address(self.source).packed, IPv4Address(self.destination).packed
         length = _UDP.size + len(self.payload)
-        fields = 0x45, 0, _IP.size + length, 0, 0x4000, TTL, IP_UDP
-        ip = _IP.pack(*fields, checksum(_IP.pack(*fields, 0, *ends)), *ends)
-        ports = self.source_port, self.destination_port
-        pseudo_header = b"".join(ends) + struct.pack("!HH", IP_UDP, length)
-        summed = pseudo_header + _UDP.pack(*ports, length, 0) + self.payload
-        udp = _UDP.pack(*ports, length, checksum(summed) or 0xFFFF)
+        ip = bytearray(
+            _IP.pack(0x45, 0, _IP.size + length, 0, 0x4000, TTL, IP_UDP, 0, source, destination)
+        )
+        struct.pack_into("!H", ip, 10, checksum(ip))
+        udp = bytearray(_UDP.pack(self.source_port, self.destination_port, length, 0))
+        pseudo_header = source + destination + struct.pack("!HH", IP_UDP, length)
+        struct.pack_into("!H", udp, 6, checksum(pseudo_header + udp + self.payload) or 0xFFFF)
         return self.destination_mac + self.source_mac + b"\x08\x00" + ip + udp + self.payload
 
     @classmethod

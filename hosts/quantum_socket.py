@@ -74,8 +74,7 @@ class QuantumSocket(ServiceSocket):
         History: begin with what is remembered. Follow: go on with what happens, until StackEnded
         is raised because the network ends.
         """
-        request = {"session": session, "history": history, "follow": follow}
-        self._send(encode_fields(Call.WATCH, **request))
+        self._send(encode_fields(Call.WATCH, session=session, history=history, follow=follow))
         self._done()
         while True:
             call, payload = self._read()

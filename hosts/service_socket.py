@@ -43,8 +43,7 @@ class ServiceSocket(StackSocket):
         Raise QuantumSocketError with the reason if it cannot be had.
         """
         host, port = address
-        fields = {"service": service, "host": host, "port": port}
-        self._send(encode_fields(Call.REQUEST, **fields, **options))
+        self._send(encode_fields(Call.REQUEST, service=service, host=host, port=port, **options))
         self._asked = True
         return self.results()
 

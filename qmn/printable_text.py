@@ -42,9 +42,15 @@ def guard_standard_streams() -> None:
     """Let standard output and error of this process, as they are now, be PrintableOutputs."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
-        settings = {"encoding": stream.encoding, "errors": "backslashreplace"}
-        buffered = {each: getattr(stream, each) for each in ("line_buffering", "write_through")}
-        setattr(sys, name, PrintableOutput(stream.detach(), **settings, **buffered))
+        encoding, line, through = stream.encoding, stream.line_buffering, stream.write_through
+        output = PrintableOutput(
+            stream.detach(),
+            encoding,
+            "backslashreplace",
+            line_buffering=line,
+            write_through=through,
+        )
+        setattr(sys, name, output)
 
 
 def console_of_output() -> "Console":

@@ -101,9 +101,10 @@ class FabricTopo(QuantumTopo):
 
     def add_host(self, name: str, address: str, **params: object) -> None:
         """Add a host with copper to s1."""
-        described = {"device": self.device_of(name), "light": self._light, **params}
-        prefix = self._network.prefixlen
-        self.addHost(name, cls=QuantumHost, ip=f"{address}/{prefix}", **described)
+        ip, device = f"{address}/{self._network.prefixlen}", self.device_of(name)
+        self.addHost(
+            name, cls=QuantumHost, ip=ip, **{"device": device, "light": self._light, **params}
+        )
         self.addLink(name, CLASSICAL_SWITCH)
 
     def add_quantum_switches(self, count: int, least: int = 1) -> list[str]:

@@ -117,10 +117,12 @@ class AnalyserFrame:
         count = len(self.outcomes)
         packed = bytes.fromhex((self.outcomes.translate(DIGITS) + b"0" * (count % 2)).decode())
         waited_us = min(self.waited_us, MOST)
-        fixed = count, self.port, self.number, self.pulses, self.first, waited_us
-        payload = HEAD.pack(MAGIC, self.end, self.method, *fixed) + packed
+        port, number, pulses, first = self.port, self.number, self.pulses, self.first
+        head = HEAD.pack(
+            MAGIC, self.end, self.method, count, port, number, pulses, first, waited_us
+        )
         kind = HERALDS if self.end in TO_CONTROLLERS else ETHER_TYPE
-        return receiver + sender + kind + payload.ljust(LEAST_PAYLOAD, b"\0")
+        return receiver + sender + kind + (head + packed).ljust(LEAST_PAYLOAD, b"\0")
 
     @classmethod
     def decode(cls, frame: bytes) -> Self:

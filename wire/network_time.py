@@ -237,7 +237,7 @@ class GateClient:
         deadlines = deadline_ns, background_ns
         if deadlines != self._deadlines:
             self._deadlines = deadlines
-            self._socket.send(WAIT.pack(*deadlines, self._turn))
+            self._socket.send(WAIT.pack(deadline_ns, background_ns, self._turn))
 
     def take_notice(self) -> bool:
         """Return whether the gate's notice is of the background; raise EOFError if it has ended."""

@@ -86,9 +86,10 @@ class SourceParameters:
     def of(cls, parts: Device) -> Self:
         source = parts.source
         mean = 1.0 if source.statistics == "single" else source.mean_pairs
-        fixed = STATISTICS.index(source.statistics), _millionths(mean)
+        statistics, millionths = STATISTICS.index(source.statistics), _millionths(mean)
         phi, psi, turned_phi, turned_psi = map(_millionths, source.bell_probabilities())
-        return cls(*fixed, phi, psi, turned_phi, turned_psi, round(source.max_rate_hz))
+        rate_hz = round(source.max_rate_hz)
+        return cls(statistics, millionths, phi, psi, turned_phi, turned_psi, rate_hz)
 
 
 @dataclass(frozen=True)
@@ -138,9 +139,10 @@ def describe(port: InnerPort, parts: Device) -> bytes:
     kind = wire_kind(port, parts)
     parameters = PARAMETERS[kind].of(parts)
     length = HEAD.size + parameters.FIELDS.size
-    fixed = length, EXPERIMENTER, INNER_PORT, kind, port.which, port.number
-    body = HEAD.pack(OFPPDPT_EXPERIMENTER, *fixed) + parameters.FIELDS.pack(*astuple(parameters))
-    return body + bytes(-length % 8)
+    head = HEAD.pack(
+        OFPPDPT_EXPERIMENTER, length, EXPERIMENTER, INNER_PORT, kind, port.which, port.number
+    )
+    return head + parameters.FIELDS.pack(*astuple(parameters)) + bytes(-length % 8)
 
 
 def wire_kind(port: InnerPort, parts: Device) -> int:

@@ -57,7 +57,10 @@ def unreachable(lost: Packet, why: Unreachable, router: IPv4Address | IPv6Addres
     quoted = lost.data[:QUOTED_BYTES]
     body = ICMP.pack(UNREACHABLE, why, 0, 0) + quoted
     body = ICMP.pack(UNREACHABLE, why, checksum(body), 0) + quoted
-    fields = VERSION << 4 | HEADER.size // 4, 0, HEADER.size + len(body), 0, 0, TTL, ICMP_PROTOCOL
-    ends = router.packed, lost.source.packed
-    header = HEADER.pack(*fields, 0, *ends)
-    return HEADER.pack(*fields, checksum(header), *ends) + body
+    kind, length = VERSION << 4 | HEADER.size // 4, HEADER.size + len(body)
+    here, source = router.packed, lost.source.packed
+    header = HEADER.pack(kind, 0, length, 0, 0, TTL, ICMP_PROTOCOL, 0, here, source)
+    return (
+        HEADER.pack(kind, 0, length, 0, 0, TTL, ICMP_PROTOCOL, checksum(header), here, source)
+        + body
+    )

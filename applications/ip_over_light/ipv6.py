@@ -71,10 +71,10 @@ def _carried(data: bytes, following: int) -> tuple[int, int, bool]:
 
 
 def unreachable(lost: Packet, why: Unreachable, router: IPv4Address | IPv6Address) -> bytes:
-    ends = router.packed, lost.source.packed
+    here, source = router.packed, lost.source.packed
     quoted = lost.data[:QUOTED_BYTES]
     length = ICMPV6.size + len(quoted)
-    summed = PSEUDO_HEADER.pack(*ends, length, ICMPV6_PROTOCOL)
+    summed = PSEUDO_HEADER.pack(here, source, length, ICMPV6_PROTOCOL)
     check = checksum(summed + ICMPV6.pack(UNREACHABLE, CODES[why], 0, 0) + quoted)
-    header = HEADER.pack(VERSION << 28, length, ICMPV6_PROTOCOL, HOP_LIMIT, *ends)
+    header = HEADER.pack(VERSION << 28, length, ICMPV6_PROTOCOL, HOP_LIMIT, here, source)
     return header + ICMPV6.pack(UNREACHABLE, CODES[why], check, 0) + quoted

@@ -71,9 +71,9 @@ class KeyNetwork:
         Raise NoRoute if they cannot.
         """
         nodes, stored = self.route(host, request, now)
-        application = request.master, request.slave
-        self.applications.pop(application, None)
-        self.applications[application] = Application(*application, nodes)
+        master, slave = request.master, request.slave
+        self.applications.pop((master, slave), None)
+        self.applications[master, slave] = Application(master, slave, nodes)
         while len(self.applications) > MAX_APPLICATIONS:
             del self.applications[next(iter(self.applications))]
         return nodes, stored

@@ -7,6 +7,7 @@ app's thread.
 
 import time
 from dataclasses import dataclass
+from functools import partial
 from math import inf
 from typing import Any
 
@@ -162,15 +163,18 @@ class KeyRelays(App):
 
     def _answer(self, heard: Heard, address: str, request: KeyRouteRequest, now: float) -> Message:
         host = heard.host
-        fields = {"master": request.master, "slave": request.slave, "stored": request.stored}
+        master, slave, stored = request.master, request.slave, request.stored
+        write = partial(
+            self.record.write, "key-route", host=host, master=master, slave=slave, stored=stored
+        )
         try:
             nodes, stored = self.network.serve(address, request, now)
         except NoRoute as error:
             self._port_lines.add(heard.place.at, f"no route of keys for {host}: {error}", now)
-            self.record.write("key-route", host=host, **fields, text=str(error))
+            write(text=str(error))
             return Answer(request.session, Reason.NOT_ALLOWED, str(error))
         route = [self.network.names[node] for node in nodes]
-        self.record.write("key-route", host=host, **fields, route=route)
+        write(route=route)
         issued_ns = self.time.stamp_ns()
         first, *others = nodes
         tags = [route_tag(self.keys[self.network.names[node]], issued_ns, nodes) for node in others]

@@ -55,17 +55,17 @@ def _node(network: KeyNetwork, host: str, now: float) -> dict[str, Any]:
 
 
 def _link(network: KeyNetwork, host: str, link: LinkState, usable: bool) -> dict[str, Any]:
-    ends = network.names[host], network.names[link.peer]
+    near, far = network.names[host], network.names[link.peer]
     performance: dict[str, Any] = {"skr": link.rate_bps}
     if link.qber_ppm != UNKNOWN:
         performance["phys_perf"] = [{"perf_type": "QBER", "value": link.qber_ppm / PPM}]
     return {
-        **_common(*ends, "PHYS", "ACTIVE" if usable else "OFF"),
-        "qkdl_applications": _backed(network, ends),
+        **_common(near, far, "PHYS", "ACTIVE" if usable else "OFF"),
+        "qkdl_applications": _backed(network, (near, far)),
         "qkdl_performance": performance,
         "qmn": {
-            "from": ends[0],
-            "to": ends[1],
+            "from": near,
+            "to": far,
             "stored_keys": [link.mine, link.theirs],
             "max_key_count": link.capacity,
         },

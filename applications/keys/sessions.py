@@ -67,8 +67,8 @@ async def _outcome(reader: asyncio.StreamReader) -> Outcome:
 async def hold(stack: str, protocol: str, host: str, port: int, options: dict[str, Any]) -> Outcome:
     """Open a session with a host, and return what it came to; StackGone if nobody knows."""
     async with _connected(stack) as (reader, writer):
-        fields = {"service": protocol, "host": host, "port": port}
-        writer.write(encode_fields(Call.REQUEST, **fields, **options))
+        request = encode_fields(Call.REQUEST, service=protocol, host=host, port=port, **options)
+        writer.write(request)
         return await _outcome(reader)
 
 

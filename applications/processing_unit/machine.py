@@ -217,8 +217,9 @@ class Machine:
     async def _recv_epr(self, node: int, socket: int, qubits: int, into: int) -> None:
         where, numbers = await self._known(into), self.memory.raw(qubits)
         await self.qubits.flush()
-        remote = await self._known(node), await self._known(socket)
-        self._ask(*remote, numbers if isinstance(numbers, int) else None, None, where)
+        peer, remote_socket = await self._known(node), await self._known(socket)
+        pairs = numbers if isinstance(numbers, int) else None
+        self._ask(peer, remote_socket, pairs, None, where)
 
     async def _wait_all(self, address: int, start: int, stop: int) -> None:
         await self._wait(address, start, stop, all)

@@ -71,9 +71,10 @@ class PairRequest:
 
     def encode(self) -> bytes:
         bases, rotations, axes = astuple(self.receiver)
-        name = self.creator.encode()
-        numbers = self.creator_socket, self.receiver_socket, self.pairs, self.use, bases
-        return REQUEST.pack(MAGIC, VERSION, name, *numbers, *rotations, axes)
+        name, here, there = self.creator.encode(), self.creator_socket, self.receiver_socket
+        return REQUEST.pack(
+            MAGIC, VERSION, name, here, there, self.pairs, self.use, bases, *rotations, axes
+        )
 
 
 def decode_request(data: bytes) -> PairRequest:

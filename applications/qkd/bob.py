@@ -104,8 +104,8 @@ class Bob(End):
         tests = record.tests
         if tests is None:
             return []
-        packed = pack(tests.tested), pack(tests.settings), pack(tests.bits)
-        return [BellTest(self._blocks, record.photons, *packed)]
+        tested, settings, bits = pack(tests.tested), pack(tests.settings), pack(tests.bits)
+        return [BellTest(self._blocks, record.photons, tested, settings, bits)]
 
     def _count_tests(self, message: BellAnswer) -> list[QkdMessage]:
         tests = self._records[0].tests

@@ -76,7 +76,7 @@ def checked(request: VpnRequest) -> tuple[VpnRequest, NetworkDescription]:
     network = describe_network(request.network).paced_for("tunnels have timers of their own")
     ends = network.node(request.sender), network.node(request.receiver)
     request = replace(request, sender=ends[0], receiver=ends[1])
-    check_two_hosts(*ends, network.hosts, network.dark_hosts, FROM_TO)
+    check_two_hosts(ends[0], ends[1], network.hosts, network.dark_hosts, FROM_TO)
     check_light(PROTOCOL, ends, network.parts)
     felt = felt_by(PROTOCOL, ends, network.parts)
     if request.eve.eve is not None:

@@ -149,11 +149,11 @@ class DeviceMonitor(App):
         return self.time.now_s()
 
     def _poll_switch(self, datapath: Datapath) -> None:
-        anything = ofproto.OFPP_ANY, ofproto.OFPG_ANY, 0, 0, parser.OFPMatch()
+        port, group, match = ofproto.OFPP_ANY, ofproto.OFPG_ANY, parser.OFPMatch()
         for request in (
             parser.OFPPortDescStatsRequest(datapath, 0),
-            parser.OFPPortStatsRequest(datapath, 0, ofproto.OFPP_ANY),
-            parser.OFPFlowStatsRequest(datapath, 0, 0, *anything),
+            parser.OFPPortStatsRequest(datapath, 0, port),
+            parser.OFPFlowStatsRequest(datapath, 0, 0, port, group, 0, 0, match),
         ):
             datapath.send_msg(request)
 

@@ -152,7 +152,7 @@ def _copies_for_switches(datapath: Datapath, trunks: Collection[int]) -> list[An
     if trunks:
         pushed = {**TO_METADATA_PORT, "tcp_flags": (PSH, PSH)}
         metered = parser.OFPInstructionMeter(COPY_METER)
-        copied = _apply([parser.OFPActionSetField(**to_group), *_outputs(trunks)])
+        copied = _apply([parser.OFPActionSetField(eth_dst=QUANTUM_SWITCHES), *_outputs(trunks)])
         entries += _meter(datapath)
         entries.append(add(datapath, COPY_TABLE, METADATA_PRIORITY, pushed, metered, copied))
     for port in trunks:

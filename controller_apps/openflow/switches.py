@@ -46,6 +46,7 @@ IN_PORT_FIELD = 0x80000004  # OFPXMC_OPENFLOW_BASIC, OFPXMT_OFB_IN_PORT, no mask
 INSTRUCTION = ofproto.OFPIT_APPLY_ACTIONS, OUTPUT.size
 ACTION = ofproto.OFPAT_OUTPUT, 16
 XIDS = 0xFFFFFFFF
+CONTROLLER = ofproto.OFPP_CONTROLLER
 
 
 def path_bundle(paths: OpenPaths, others: list[Any], xids: Iterator[int]) -> list[bytes]:
@@ -104,9 +105,11 @@ def _delete(hop: Hop, session: int, xid: int) -> bytes:
 
 
 def _flow_mod(session: int, mask: int, command: int, out_port: int, out_group: int) -> bytes:
-    cookie, no_time_outs, buffer = (session, mask), (0, 0), ofproto.OFP_NO_BUFFER
-    entry = *cookie, LIGHT_TABLE, command, *no_time_outs, PATH_PRIORITY, buffer
-    return FLOW_MOD.pack(*entry, out_port, out_group, 0, 0)
+    idle_timeout, hard_timeout, buffer, flags, importance = 0, 0, ofproto.OFP_NO_BUFFER, 0, 0
+    return FLOW_MOD.pack(
+        *(session, mask, LIGHT_TABLE, command, idle_timeout, hard_timeout, PATH_PRIORITY, buffer),
+        *(out_port, out_group, flags, importance),
+    )
 
 
 def _match(hop: Hop) -> bytes:
@@ -239,18 +242,15 @@ class Switches:
                 port = self._mac_table.port_of(dpid, frame[:6])
                 return [flow_entries.packet_out(datapath, in_port, port, frame)]
             case Flood(_, frame):
-                into = ofproto.OFPP_CONTROLLER, ofproto.OFPP_FLOOD
-                return [flow_entries.packet_out(datapath, *into, frame)]
+                return [flow_entries.packet_out(datapath, CONTROLLER, ofproto.OFPP_FLOOD, frame)]
             case OpenPaths():
                 return self._path_messages(datapath, action)
             case Emit(_, port, emission):
-                into = ofproto.OFPP_CONTROLLER, port
-                return [flow_entries.packet_out(datapath, *into, emission.encode())]
+                return [flow_entries.packet_out(datapath, CONTROLLER, port, emission.encode())]
             case KeepPulses(_, port, herald):
-                into = ofproto.OFPP_CONTROLLER, port
+                frames = [frame.encode(BROADCAST, bytes(6)) for frame in frames_of(herald)]
                 return [
-                    flow_entries.packet_out(datapath, *into, frame.encode(BROADCAST, bytes(6)))
-                    for frame in frames_of(herald)
+                    flow_entries.packet_out(datapath, CONTROLLER, port, each) for each in frames
                 ]
             case ClosePaths(_, session):
                 return [flow_entries.delete_paths(datapath, session)]

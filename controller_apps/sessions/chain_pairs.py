@@ -34,8 +34,9 @@ class Half:
         """Return what tells this end a symbol of each pair; other pulses are discarded."""
         outcomes = np.full(self.pulses, NO_COINCIDENCE, np.uint8)
         outcomes[self.at] = symbols
-        head = self.port, self.number, end, self.pulses, 0
-        return AnalyserFrame(*head, outcomes.tobytes(), method=method)
+        return AnalyserFrame(
+            self.port, self.number, end, self.pulses, 0, outcomes.tobytes(), method=method
+        )
 
     def only(self, chosen: NDArray[np.bool_]) -> Self:
         return replace(self, at=self.at[: chosen.size][chosen])
@@ -68,8 +69,8 @@ class Pairs:
         every, outcomes = np.ones(size, bool), outcomes[:size]
         seen = self.seen[:size] & right.seen[:size] & (outcomes != NO_COINCIDENCE)
         operators = np.where(seen, self.operators[:size] ^ right.operators[:size] ^ outcomes, 0)
-        ends = self.left.only(every), right.right.only(every)
-        return Pairs(*ends, operators.astype(np.uint8), seen, rounds)
+        left, far_end = self.left.only(every), right.right.only(every)
+        return Pairs(left, far_end, operators.astype(np.uint8), seen, rounds)
 
     def choose(self) -> None:
         """Go on with the pairs alone that all analysers have seen."""

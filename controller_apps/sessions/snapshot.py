@@ -100,13 +100,13 @@ def decode_session(data: bytes, now: float) -> Session:
 def _request(reader: "_Reader", now: float) -> Request:
     source, port, destination, sequence, rotation, *granted, message = reader.take(REQUEST)
     pairs, wavelength_pm = granted
-    ends = str(IPv4Address(source)), port, str(IPv4Address(destination)), METADATA_PORT
+    flow = FiveTuple(str(IPv4Address(source)), port, str(IPv4Address(destination)), METADATA_PORT)
     setup = read_setup(message)
     if setup.verdict != Verdict.PENDING or setup.session == 0 or rotation > max(Pauli):
         raise MalformedPacket(f"no set-up of a session with rotation {rotation}: {setup}")
     if not 0 < pairs <= setup.pairs:
         raise MalformedPacket(f"{pairs} pairs granted of {setup.pairs}")
-    request = Request(setup, None, FiveTuple(*ends), sequence, message, now, b"", rotation)
+    request = Request(setup, None, flow, sequence, message, now, b"", rotation)
     if setup.wavelength_pm not in (ANY_WAVELENGTH, wavelength_pm):
         raise MalformedPacket(f"{wavelength_pm} pm granted of {setup.wavelength_pm}")
     request.block_pairs, request.wavelength_pm = pairs, wavelength_pm

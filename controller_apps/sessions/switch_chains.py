@@ -153,8 +153,9 @@ def _most_loss_mdb(network: Network, path: LightPath, able: Sequence[tuple[int, 
     passed_mdb = [0 if switch is None else switch.loss_mdb for switch in switches]
     entered_mdb = [optics.fiber_loss_mdb(SwitchPort(hops[0].dpid, hops[0].in_port), None)]
     for place, (near, far) in enumerate(pairwise(hops)):
-        ends = SwitchPort(near.dpid, near.out_port), SwitchPort(far.dpid, far.in_port)
-        entered_mdb.append(entered_mdb[-1] + passed_mdb[place] + optics.fiber_loss_mdb(*ends))
+        start, end = SwitchPort(near.dpid, near.out_port), SwitchPort(far.dpid, far.in_port)
+        fiber_mdb = optics.fiber_loss_mdb(start, end)
+        entered_mdb.append(entered_mdb[-1] + passed_mdb[place] + fiber_mdb)
     places = [place for place, _parts in able]
     left_mdb = [0, *(entered_mdb[place] for place in places)]
     come_mdb = [*(entered_mdb[place] + passed_mdb[place] for place in places), path.loss_mdb]

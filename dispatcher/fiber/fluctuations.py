@@ -73,10 +73,11 @@ class PolarizationDrift:
         return max(int(np.ceil((self.rms_rad / MOST_OF_A_PIECE) ** 2)), 1)
 
     def effect(self, passage: Passage) -> Effect:
-        process = self.rms_rad / np.sqrt(3 * self.pieces), self.time_s, 3 * self.pieces
+        components = 3 * self.pieces
+        rms_rad = self.rms_rad / np.sqrt(components)
         looks_ns, history = passage.looks_ns, passage.history
-        _wander_to(passage, looks_ns, *process)
-        starts, vectors = wander(passage, *process)
+        _wander_to(passage, looks_ns, rms_rad, self.time_s, components)
+        starts, vectors = wander(passage, rms_rad, self.time_s, components)
         looked = None
         if looks_ns.size and history.latest_ns is not None:
             looked = self._whole(history.at(looks_ns))

@@ -125,8 +125,8 @@ class Network:
             node = inner.node(switch.name)
             part = self.parts[inner.kind].setdefault(node, Part(switch.name, []))
             part.ports.append(str(port))
-            ends = FiberEnd(switch.name, str(port)), FiberEnd(node, str(port))
-            self._lay(Fiber.joining(*ends, FiberOptics(length_km=0.0)), switches)
+            near, far = FiberEnd(switch.name, str(port)), FiberEnd(node, str(port))
+            self._lay(Fiber.joining(near, far, FiberOptics(length_km=0.0)), switches)
 
     def _line(
         self, near: FiberEnd, far: FiberEnd, fiber: Fiber, noise: dict[str, NoiseModel]

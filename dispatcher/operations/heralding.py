@@ -194,8 +194,8 @@ class Heralding:
         layer, now_ns = self._layer, self._layer.clock.now_ns()
         for offer, path in zip(offers, link.paths, strict=True):
             if memory := layer.network.memories.get(offer.end.node):
-                at = offer.end.node, memory.ports[0], now_ns, now_ns
-                block = Block(offer.name, layer.sabot.zeros(1), *at, start_ns=now_ns)
+                zero, place, port = layer.sabot.zeros(1), offer.end.node, memory.ports[0]
+                block = Block(offer.name, zero, place, port, now_ns, now_ns, start_ns=now_ns)
                 block.lineage = layer.ownership.used_names.use(*offer.name[:2])
                 layer.sabot.lose(block.register, np.ones(1, bool))
                 self._hold(node, block, offer, path)

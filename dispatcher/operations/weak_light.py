@@ -124,8 +124,8 @@ def steady(model: NoiseModel, schedule: Schedule) -> NoiseModel:
     """Return a tap as the Pauli channel that it is, unless it changes while the light passes."""
     if not isinstance(model, Tap):
         return model
-    during = schedule.first_ns, schedule.last_ns
-    least, most = model.fraction.lowest(*during), model.fraction.highest(*during)
+    least = model.fraction.lowest(schedule.first_ns, schedule.last_ns)
+    most = model.fraction.highest(schedule.first_ns, schedule.last_ns)
     return PauliChannel(most / 4, 0.0, most / 4) if least == most else model
 
 
@@ -191,8 +191,8 @@ def _draw(layer: PhysicalLayer, block: Block, light: WeakPulses) -> list[Block]:
     if isinstance(light, WeakHalf) and len(halves) > 1:
         came = light.pairs.below([half.transmission for _block, half in halves])
         firsts = first_of_each(came[0].pulses)
-        registers = sabot.bell_pairs(light.count), sabot.bell_pairs(int((~firsts).sum()))
-        for each, photons, *made in zip(halves, came, *registers, strict=True):
+        first, others = sabot.bell_pairs(light.count), sabot.bell_pairs(int((~firsts).sum()))
+        for each, photons, *made in zip(halves, came, first, others, strict=True):
             _settle(layer, *each, photons, firsts, made)
     else:
         photons = light.photons()

@@ -134,8 +134,10 @@ class Baseline(App):
         )
         members = []
         for in_port, out_port in hops:
-            what = {"in_port": in_port}, flow_entries.output(out_port)
-            entry = flow_entries.add(datapath, LIGHT_TABLE, PATH_PRIORITY, *what, cookie=SESSION)
+            match, way = {"in_port": in_port}, flow_entries.output(out_port)
+            entry = flow_entries.add(
+                datapath, LIGHT_TABLE, PATH_PRIORITY, match, way, cookie=SESSION
+            )
             members.append(parser.OFPBundleAddMsg(datapath, bundle, FLAGS, entry, []))
         self._send(begin, *members, end)
 

@@ -116,8 +116,9 @@ async def gated_swap(v: Point, seed: int) -> Outcome:
     end = Device(memory=Memory(t2_s=v.t2_s))
     ways = {"alice": ("r1-q0", "alice-q0"), "bob": ("r1-q1", "bob-q0")}
     fibers = [fiber(*way, length_km=0.0) for way in ways.values()]
-    devices = {"alice": end, "bob": end, "r1": Device(gates=gates, analyser=BellAnalyser("gates"))}
-    laboratory, pairs = network(seed, fibers, **devices), int(v.pairs) // len(BASES)
+    middle = Device(gates=gates, analyser=BellAnalyser("gates"))
+    laboratory = network(seed, fibers, alice=end, bob=end, r1=middle)
+    pairs = int(v.pairs) // len(BASES)
     repeater = laboratory.host("r1")
 
     async def joined(turn: int) -> Ends:
@@ -138,8 +139,10 @@ async def gated_swap(v: Point, seed: int) -> Outcome:
 def of_gated_swap(v: Point) -> Theory:
     """Both ends decohere while the gate and the readings last."""
     coherence = math.exp(-2 * (v.two_qubit_s + v.readout_s) / v.t2_s)
-    noise = v.one_qubit_depolarizing, v.two_qubit_depolarizing, v.readout_error
-    return {"fidelity": theory.gated_swap_fidelity(*noise, coherence)}
+    fidelity = theory.gated_swap_fidelity(
+        v.one_qubit_depolarizing, v.two_qubit_depolarizing, v.readout_error, coherence
+    )
+    return {"fidelity": fidelity}
 
 
 async def chsh(v: Point, seed: int) -> Outcome:

@@ -7,12 +7,10 @@ the place of the clock, and switches take none. The hosts that take part are idl
 fibres of their own, or wavelengths of one fibre, of which the controller chooses one.
 """
 
-import struct
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
-from ipaddress import IPv4Address
 from random import Random
 
 from controller_apps.light.optics import SwitchOptics, SwitchPort
@@ -22,8 +20,8 @@ from controller_apps.sessions.arbiter import Arbiter
 from evidence.curves.estimates import NOTHING, Estimate, ratio
 from evidence.curves.experiment import Outcome, SweepError
 from evidence.curves.parameters import Point
+from evidence.traffic.counted import FIN, FIRST_SEQUENCE, PUSH, segment
 from evidence.traffic.erlang import erlang_b, erlang_c, mean_wait
-from wire.metadata.header import METADATA_PORT
 from wire.metadata.setup import SETUP_LENGTH, Setup
 from wire.metadata.vocabulary import Handshake, Service
 from wire.optical import ANY_PORT, ANY_WAVELENGTH, TX_PWR, USE_FREQ, PathOptics, PortOptics
@@ -32,11 +30,8 @@ from wire.parameters.fiber import FiberOptics
 S1, Q1, Q2 = 1, 2, 3  # datapath ids
 PAIRS = 100  # of hosts, more than there are in sessions and in the queue
 BATCHES = 40  # of sessions one after the other; the first is left out, as it begins empty
-FIRST_SEQUENCE = 100
 BUDGET_DB = 30.0
 FOR_EVER_S = 1e12  # the queue's patience, and that with silent sessions
-PUSH, FIN, ACK = 8, 1, 16
-_ETHERNET_IP_TCP = struct.Struct("!12sH BBHHHBBH4s4s HHIIBBHHH")
 
 
 def address(side: int, pair: int) -> str:
@@ -63,15 +58,6 @@ def trunk(channels: int, wavelengths: bool = False) -> Network:
     return network
 
 
-def frame(pair: int, source_port: int, sequence: int, flags: int, payload: bytes = b"") -> bytes:
-    """Return a frame of a host's connection; nobody here looks at checksums."""
-    ends = [IPv4Address(address(side, pair)).packed for side in (0, 1)]
-    lengths = 40 + len(payload)
-    ip = 0x45, 0, lengths, 0, 0, 64, 6, 0, *ends
-    tcp = source_port, METADATA_PORT, sequence, 1, 5 << 4, flags | ACK, 65_535, 0, 0
-    return _ETHERNET_IP_TCP.pack(bytes(12), 0x0800, *ip, *tcp) + payload
-
-
 @dataclass
 class Trunk:
     """Sessions that come, get light or not, and go."""
@@ -90,8 +76,8 @@ class Trunk:
             raise SweepError(f"over {PAIRS} sessions wait for light at a time: choose less load")
         pair = self.pairs[session] = self.idle.popleft()
         self.asked[session] = now
-        fields = session, Service["BB84"], Handshake.FRAMED, address(0, pair), 1, 1, 1
-        setup = Setup(*fields, wavelength_pm=ANY_WAVELENGTH)
+        bb84, framed, opener = Service["BB84"], Handshake.FRAMED, address(0, pair)
+        setup = Setup(session, bb84, framed, opener, 1, 1, 1, wavelength_pm=ANY_WAVELENGTH)
         self._say(session, FIRST_SEQUENCE, PUSH, now, setup.encode())
 
     def end_until(self, now: float) -> None:
@@ -102,8 +88,8 @@ class Trunk:
             self.idle.append(self.pairs.pop(session))
 
     def _say(self, session: int, sequence: int, flags: int, now: float, data: bytes = b"") -> None:
-        source_port = 1_024 + session % 60_000
-        sent = frame(self.pairs[session], source_port, sequence, flags, data)
+        pair, source_port = self.pairs[session], 1_024 + session % 60_000
+        sent = segment((address(0, pair), address(1, pair)), source_port, sequence, flags, data)
         self._obey(self.arbiter.segment_arrived(S1, 1, sent, now), now)
 
     def _obey(self, actions: Iterable[Action], now: float) -> None:

@@ -175,9 +175,13 @@ async def conference(v: Point, seed: int) -> Outcome:
 
 async def far_conference(v: Point, seed: int) -> Outcome:
     """Use fibres that lose light; a key is of all states that were attempted in Z."""
-    optics = {"length_km": v.length_km, "loss_db_per_km": LOSS_DB_PER_KM}
     devices = [Device(detectors=DETECTORS)] * int(v.hosts)
-    line = Line(devices, seed, depolarizing=2 * ERROR, **optics)
+    line = Line(
+        *(devices, seed),
+        depolarizing=2 * ERROR,
+        length_km=v.length_km,
+        loss_db_per_km=LOSS_DB_PER_KM,
+    )
     counts, seen = await _compared(line, v.pairs)
     gain, share = proportion(*seen), _key(counts)
     spread = float(np.hypot(gain.error * share.value, gain.value * share.error))

@@ -11,7 +11,7 @@ import asyncio
 import math
 from collections import defaultdict
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import pairwise
 from typing import Any, cast
@@ -278,11 +278,12 @@ async def _made(v: Point, seed: int) -> int:
     alice, bob = (End(laboratory, name) for name in WAYS)
     alice.peer, bob.peer = bob, alice
     draws, others = np.random.default_rng(seed).spawn(2)
-    side = FEATURES, FOREVER, frozenset(range(4))
+    bells = frozenset(range(4))
+    acceptor = HostSide(SETUP, ("bob-q0",), "alice", "bob", others, FEATURES, FOREVER, bells)
+    own = replace(acceptor, ports=("alice-q0",), peer="bob", host="alice", draws=draws)
     opener = OpenerSide(
-        *(SETUP, ("alice-q0",), "bob", "alice", draws, *side, "bob", FEATURES, FOREVER, False)
+        **vars(own), other_host="bob", theirs=FEATURES, their_lifetimes=FOREVER, is_source=False
     )
-    acceptor = HostSide(SETUP, ("bob-q0",), "alice", "bob", others, *side)
     options = DistributeOptions("bob", SETUP.pairs, count=int(v.wanted), sample=v.sample)
     opening = Opening(opener, options, partial(sharing.make, opener), 0.0)
     following = follow(acceptor, partial(sharing.share, acceptor), 0.0)

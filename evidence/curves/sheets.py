@@ -83,9 +83,12 @@ def published_capacity(_places: Sequence[float]) -> list[Mark]:
 
 
 def endless_decoys(lengths_km: Sequence[float]) -> list[Mark]:
-    noise = mdi.DARK_COUNT, mdi.ERROR, mdi.CORRECTION
-    arriving = map(mdi.arrives, lengths_km)
-    keys = [relay_theory.endless_key(mdi.SIGNAL, share, *noise) for share in arriving]
+    keys = [
+        relay_theory.endless_key(
+            mdi.SIGNAL, mdi.arrives(km), mdi.DARK_COUNT, mdi.ERROR, mdi.CORRECTION
+        )
+        for km in lengths_km
+    ]
     return line(lengths_km, keys, "endless decoys, Phys. Rev. Lett. 108, 130503")
 
 

@@ -41,12 +41,10 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
     """Teleport block after block while datagrams pass."""
     rate, share, size = (number(values, each.name) for each in (MBPS, SHARE, FRAME))
     frame_s = size * 8e-6 / rate
-    options = {
-        "seed": seed,
-        "copper_mbps": rate,
-        "device": (f"bob.memory.t2_s={values[T2.name]}",),
-    }
-    with network_for(CONGESTION, values, runs, "sdc", **options) as network:
+    memory = (f"bob.memory.t2_s={values[T2.name]}",)
+    with network_for(
+        CONGESTION, values, runs, "sdc", seed=seed, copper_mbps=rate, device=memory
+    ) as network:
         time = network.runtime.time
         assert isinstance(time, SteppedTime)
         program = [python(), "-m", PROGRAM, time.folder]
@@ -59,8 +57,8 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
             network.sleep(number(values, ALONE.name))
         alone = heard.log.read_text().splitlines()[1:]
         count = int(values[BLOCKS.name]) * BLOCK_STATES
-        wanted = {"count": count, "block_pairs": BLOCK_STATES}
-        with session(network, "teleport", ("alice", "bob"), **wanted) as running:
+        ends = "alice", "bob"
+        with session(network, "teleport", ends, count=count, block_pairs=BLOCK_STATES) as running:
             reports = running.results()
     return outcome(reports, alone, frame_s, number(values, T2.name))
 

@@ -56,8 +56,9 @@ class OneFiber(FabricTopo):
 def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome:
     sides = [[f"{side}{place}" for place in range(1, HOSTS + 1)] for side in "ab"]
     sessions = Wanted(Service.DISTRIBUTE, {"count": PAIRS, "sample": 0.0}, own_source=True)
-    options = {"seed": seed, "contention": "queue"}
-    with network_for(HEAD_OF_LINE, values, runs, OneFiber, **options) as network:
+    with network_for(
+        HEAD_OF_LINE, values, runs, OneFiber, seed=seed, contention="queue"
+    ) as network:
         stacks = {host: network.runtime.socket(host) for host in network.runtime.devices}
         groups = sides[0], sides[1]
         driver = Driver(planned(values, seed), sessions, stacks, groups, seed, network.runtime.time)

@@ -15,7 +15,7 @@ the clock, so that thousands of sessions take seconds.
 
 import struct
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from heapq import heappop, heappush
 from ipaddress import IPv4Address
 from itertools import count
@@ -32,17 +32,19 @@ S1 = 1 << 32  # datapath id of the classical switch, none of a quantum one
 FIRST_SEQUENCE = 100
 PUSH, FIN, ACK = 8, 1, 16
 GIVEN_UP = "GIVEN_UP"  # by its opener, which is not a Reason of wire.metadata
-_ETHERNET_IP_TCP = struct.Struct("!12sH BBHHHBBH4s4s HHIIBBHHH")
+_ETHERNET_IP, _TCP = struct.Struct("!12sH BBHHHBBH4s4s"), struct.Struct("!HHIIBBHHH")
 
 
 def segment(
     ends: tuple[str, str], source_port: int, sequence: int, flags: int, payload: bytes = b""
 ) -> bytes:
     """Return a frame of a connection to the metadata port; nobody here looks at checksums."""
-    addresses = [IPv4Address(end).packed for end in ends]
-    ip = 0x45, 0, 40 + len(payload), 0, 0, 64, 6, 0, *addresses
-    tcp = source_port, METADATA_PORT, sequence, 1, 5 << 4, flags | ACK, 65_535, 0, 0
-    return _ETHERNET_IP_TCP.pack(bytes(12), 0x0800, *ip, *tcp) + payload
+    source, destination = (IPv4Address(end).packed for end in ends)
+    ip = _ETHERNET_IP.pack(
+        bytes(12), 0x0800, 0x45, 0, 40 + len(payload), 0, 0, 64, 6, 0, source, destination
+    )
+    tcp = _TCP.pack(source_port, METADATA_PORT, sequence, 1, 5 << 4, flags | ACK, 65_535, 0, 0)
+    return ip + tcp + payload
 
 
 @dataclass(frozen=True)
@@ -159,10 +161,12 @@ class CountedTime:
         heappush(self._events, (when_s, next(self._order), happens))
 
     def _asking(self, number: int, demand: Asked) -> Event:
-        light = demand.service, Handshake.FRAMED, demand.source or demand.opener, 1, 1, 1
-        deadline_ms = round(demand.deadline_s * 1000)
-        setup = Setup(number, *light, priority=demand.priority, deadline_ms=deadline_ms)
-        setup = replace(setup, wavelength_pm=demand.wavelength_pm)
+        setup = Setup(
+            *(number, demand.service, Handshake.FRAMED, demand.source or demand.opener, 1, 1, 1),
+            priority=demand.priority,
+            deadline_ms=round(demand.deadline_s * 1000),
+            wavelength_pm=demand.wavelength_pm,
+        )
         return self._saying(number, FIRST_SEQUENCE, PUSH, setup.encode())
 
     def _saying(self, number: int, sequence: int, flags: int, data: bytes = b"") -> Event:

@@ -241,8 +241,11 @@ def _drive(
 
 def _follow(driver: Driver, total: int, network: Network, console: Console) -> None:
     text = "{task.fields[held]} under way, {task.fields[refused]} refused"
-    columns = TextColumn("sessions"), BarColumn(), MofNCompleteColumn(), TextColumn(text)
-    with Progress(*columns, TimeElapsedColumn(), console=console) as bar:
+    with Progress(
+        *(TextColumn("sessions"), BarColumn(), MofNCompleteColumn(), TextColumn(text)),
+        TimeElapsedColumn(),
+        console=console,
+    ) as bar:
         task = bar.add_task("sessions", total=total, held=0, refused=0)
 
         def check() -> None:

@@ -85,8 +85,8 @@ class Qnic(PairLight):
         theta, phi = directions.theta_rad, directions.phi_rad
         zeros = CreateRequest(session=session, number=number, count=theta.size)
         zeros.state = CreateRequest.ZEROS
-        turns = Gate(name=Gate.RY, angles_rad=theta), Gate(name=Gate.RZ, angles_rad=phi)
-        await self.perform(Step(create=zeros), steps.apply(name, None, *turns))
+        about_y, about_z = Gate(name=Gate.RY, angles_rad=theta), Gate(name=Gate.RZ, angles_rad=phi)
+        await self.perform(Step(create=zeros), steps.apply(name, None, about_y, about_z))
         return name
 
     def compensate(self, every_s: float | None) -> None:
@@ -196,10 +196,10 @@ class Qnic(PairLight):
         clicked, and when; the photons are used up.
         """
         theta, phi = -directions.theta_rad, -directions.phi_rad
-        turns = Gate(name=Gate.RZ, angles_rad=phi), Gate(name=Gate.RY, angles_rad=theta)
+        about_z, about_y = Gate(name=Gate.RZ, angles_rad=phi), Gate(name=Gate.RY, angles_rad=theta)
         measure = MeasureRequest(block=steps.block_id(block), basis=MeasureRequest.Z)
         applied, measured = await self.perform(
-            steps.apply(block, paulis, *turns), Step(measure=measure)
+            steps.apply(block, paulis, about_z, about_y), Step(measure=measure)
         )
         return Outcomes(symbols_of(measured), applied.time_ns)
 

@@ -146,16 +146,17 @@ class SimulatedQnic(Qnic):
 
 def chosen_qnic(config: HostConfig) -> Qnic:
     """Return the hardware of a host; raise BadConfig for a class that cannot be it."""
-    made_with = config.dispatcher, config.token, config.qnics
     if not config.qnic:
         if config.qnic_parameters:
             raise BadConfig("qnic_parameters are given without qnic; name the class, too")
-        return with_credentials(SimulatedQnic(*made_with), config)
+        return with_credentials(
+            SimulatedQnic(config.dispatcher, config.token, config.qnics), config
+        )
     kind = load_class("qnic", config.qnic)
     if problem := _problem(kind):
         raise BadConfig(f"qnic {config.qnic}: {kind.__name__} {problem}")
     try:
-        made: Qnic = kind(*made_with, **config.qnic_parameters)
+        made: Qnic = kind(config.dispatcher, config.token, config.qnics, **config.qnic_parameters)
     except (TypeError, ValueError) as error:
         raise BadConfig(f"qnic {config.qnic} with {config.qnic_parameters}: {error}") from error
     if config.time_folder and not isinstance(made, SimulatedQnic):

@@ -24,8 +24,9 @@ BOB = Source(0.013, 0.0022, 0.05, 0.09, 6.71, 10.64)
 
 
 def scattered(dbm: float, raman_per_km_nm: float, nm: float) -> float:
-    light = 10 ** (dbm / 10), 0.2, raman_per_km_nm, 0.4, nm, WINDOW_S
-    return theory.scattered_photons(ARM_KM, ARM_DB_PER_KM, *light)
+    return theory.scattered_photons(
+        ARM_KM, ARM_DB_PER_KM, 10 ** (dbm / 10), 0.2, raman_per_km_nm, 0.4, nm, WINDOW_S
+    )
 
 
 # The light scattered into the photons' filter on each km and nm, and its wavelength (nm).

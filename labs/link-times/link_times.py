@@ -50,8 +50,8 @@ def findings(runs: Runs) -> list[Finding]:
         run = runs[f"{km}-km-{program}"]
         took_s = run.times_s("herald")[-1] - run.times_s("attempt")[-1]
         asking, table = run.job.asking, TABLE[program]
-        counted = asking.emitted, asking.attempts, took_s * modes
-        ours = [Estimate(*each) for each in measured(*counted)]
+        counted = measured(asking.emitted, asking.attempts, took_s * modes)
+        ours = [Estimate(*each) for each in counted]
         theirs = [Published(*each, table["program"]) for each in measured(*table["links"][str(km)])]
         rows.append(Finding("", f"attempts that succeed, {km} km", ours[0], theirs[0]))
         rows.append(Finding(program, f"s a pair, {km} km", ours[1], theirs[1], km))

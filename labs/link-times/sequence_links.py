@@ -23,8 +23,9 @@ def link(half_km: float, pairs: int) -> tuple[int, int, float]:
         ClassicalChannel(name, timeline, length, round(length / M_PER_PS)).set_ends(one, other.name)
     ended: list[str] = []
     for host in hosts:
-        fiber = f"{host.name} fibre", timeline, GIVEN["db_per_km"] / 1e3, metres
-        QuantumChannel(*fiber, light_speed=M_PER_PS).set_ends(host, "station")
+        name, db_per_m = f"{host.name} fibre", GIVEN["db_per_km"] / 1e3
+        fiber = QuantumChannel(name, timeline, db_per_m, metres, light_speed=M_PER_PS)
+        fiber.set_ends(host, "station")
         host.resource_manager.update = lambda _protocol, _memory, state: ended.append(state)
     timeline.init()
     attempts = pairs_made = 0
@@ -32,8 +33,8 @@ def link(half_km: float, pairs: int) -> tuple[int, int, float]:
         attempts += 1
         for host, other in (hosts, hosts[::-1]):
             memory, theirs = (each.components[each.memo_arr_name][0] for each in (host, other))
-            ends = host, host.name, "station", other.name, memory
-            host.protocols = [EntanglementGenerationA.create(*ends)]  # Barrett and Kok's
+            create = EntanglementGenerationA.create  # Barrett and Kok's
+            host.protocols = [create(host, host.name, "station", other.name, memory)]
             host.protocols[0].set_others(other.name, other.name, [theirs.name])
         for host in hosts:
             host.protocols[0].start()

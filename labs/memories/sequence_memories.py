@@ -20,8 +20,10 @@ def fidelities(errors: list[float]) -> list[float]:
     """Return the fidelity step by step."""
     QuantumManager.set_global_manager_formalism(BELL_DIAGONAL_STATE_FORMALISM)
     timeline, values = Timeline(), [FIDELITY]
-    common = timeline, FIDELITY, 0, 1, COHERENCE_S, 500, errors
-    pair = [Memory(name, *common) for name in ("alice", "bob")]
+    pair = [
+        Memory(name, timeline, FIDELITY, 0, 1, COHERENCE_S, 500, errors)
+        for name in ("alice", "bob")
+    ]
     state = [FIDELITY] + [(1 - FIDELITY) / 3] * 3
     timeline.quantum_manager.set([memory.qstate_key for memory in pair], state)
     for memory in pair:

@@ -215,8 +215,7 @@ def fitted(
 def check_hosts(request: ServiceRequest, network: NetworkDescription) -> None:
     """Raise BadInput for hosts of a session, or a source, that the network does not have."""
     option = LINE if verb_of(request.service).line else FROM_TO
-    ends = request.sender, request.receiver
-    check_two_hosts(*ends, network.hosts, network.dark_hosts, option)
+    check_two_hosts(request.sender, request.receiver, network.hosts, network.dark_hosts, option)
     for name in request.others:
         if name not in network.hosts:
             raise BadInput(f"{LINE} {name}: {remedy(name, network.hosts)}")

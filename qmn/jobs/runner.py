@@ -184,8 +184,10 @@ def _progress_bar(
 ) -> Iterator[Callable[[Line], None]]:
     """Show how far the opener is; what it says is also kept, and keys are taken."""
     rates = [TextColumn("{task.fields[rate]:,.0f} " + f"{job.unit}/s")] if job.rate else []
-    columns = TextColumn(job.unit), BarColumn(), MofNCompleteColumn(), *rates, TimeRemainingColumn()
-    with Progress(*columns, console=console) as bar:
+    with Progress(
+        *(TextColumn(job.unit), BarColumn(), MofNCompleteColumn(), *rates, TimeRemainingColumn()),
+        console=console,
+    ) as bar:
         task = bar.add_task(job.unit, total=job.total, rate=0.0)
 
         def note(line: Line) -> None:

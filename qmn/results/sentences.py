@@ -91,15 +91,14 @@ def _of_states(result: RunResult) -> str:
     begin, end = result.hosts[0], result.hosts[-1]
     match result.asking:
         case TeleportFigures(fidelity=float(fidelity), fidelity_error=float(error)) as found:
-            bounds = max(fidelity - NORMAL_95 * error, 0.0), min(fidelity + NORMAL_95 * error, 1.0)
             text = f"{found.arrived:,} of {found.states:,} states of {begin} arrived at {end}"
-            return f"{text}, with fidelity {interval(fidelity, *bounds)}"
+            return f"{text}, with fidelity {_fidelity(fidelity, error)}"
         case PairFigures() as found:
             text = f"{found.pairs:,} pairs of {begin} and {end}"
             if found.fidelity is None or found.fidelity_low is None or found.fidelity_high is None:
                 return text
-            bounds = found.fidelity_low, found.fidelity_high
-            return f"{text}, with fidelity {interval(found.fidelity, *bounds)}"
+            fidelity = interval(found.fidelity, found.fidelity_low, found.fidelity_high)
+            return f"{text}, with fidelity {fidelity}"
         case SealFigures() as found:
             verdict = "Alarm: somebody measures" if found.alarm else "No alarm"
             return f"{verdict}, {found.compared:,} pairs of {begin} and {end} compared"
@@ -113,14 +112,19 @@ def _of_states(result: RunResult) -> str:
             return f"{text}, {found.sessions_without_key:,} of them without a key"
     match vars(result.asking):  # of a line of hosts, whichever service it is
         case {"states": states, "hosts": hosts, "fidelity": float(mean), "fidelity_error": error}:
-            bounds = max(mean - NORMAL_95 * error, 0.0), min(mean + NORMAL_95 * error, 1.0)
-            return f"{states:,} states of {hosts} hosts, with fidelity {interval(mean, *bounds)}"
+            return f"{states:,} states of {hosts} hosts, with fidelity {_fidelity(mean, error)}"
         case {"states": states, "hosts": hosts, "fidelity_at_least": float(least)}:
             return f"{states:,} states of {hosts} hosts, with fidelity at least {least:.3f}"
         case {"key_bits": bits, "hosts": hosts, "qber_x": x, "qber_z": [*z]}:
             rates = f"QBER {100 * x:.1f} % in X, at most {100 * max(z):.1f} % in Z"
             return f"{bits:,} bits of secret key of {hosts} hosts, {rates}"
         case {"hosts": hosts, "sum_rad": float(phases), "sum_error_rad": float(error)}:
-            bounds = phases - NORMAL_95 * error, phases + NORMAL_95 * error
-            return f"The phases at {hosts} hosts add up to {interval(phases, *bounds)} rad"
+            most = NORMAL_95 * error
+            total = interval(phases, phases - most, phases + most)
+            return f"The phases at {hosts} hosts add up to {total} rad"
     return ""
+
+
+def _fidelity(mean: float, error: float) -> str:
+    most = NORMAL_95 * error
+    return interval(mean, max(mean - most, 0.0), min(mean + most, 1.0))

@@ -99,8 +99,8 @@ def _across(switch: str, in_port: int, out_port: int, condition: SwitchCondition
         path for path in condition.paths if (path.in_port, path.out_port) == (in_port, out_port)
     ]
     optics = paths[0] if paths else condition
-    names = f"{switch}:{in_port}", f"{switch}:{out_port}"
-    return Hop(switch, *names, 0.0, optics.loss_db, Pauli(optics.rotation))
+    start, end = f"{switch}:{in_port}", f"{switch}:{out_port}"
+    return Hop(switch, start, end, 0.0, optics.loss_db, Pauli(optics.rotation))
 
 
 def fiber_state(

@@ -156,7 +156,10 @@ class QuantumNetwork(Network):
         check_two_hosts(sender, receiver, self.quantum_hosts)
         before = {path["session"] for path in ask("paths")["paths"]}
         ends = sender, receiver
-        with explained(self, *ends), opened(self.runtime.socket, ends, self.runtime.time):
+        with (
+            explained(self, sender, receiver),
+            opened(self.runtime.socket, ends, self.runtime.time),
+        ):
             paths = [path for path in ask("paths")["paths"] if path["session"] not in before]
             mine = [path for path in paths if (path["from"], path["to"]) == ends]
             return self._light_paths(mine)

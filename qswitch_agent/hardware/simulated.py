@@ -194,9 +194,10 @@ class SimulatedSwitch:
         call = self._stub.WatchAnalysers(request, metadata=self._metadata)
         try:
             async for report in call:
-                end, pulses = End(report.end), report.photons
-                fixed = report.port, report.number, end, pulses, 0, report.outcomes
-                on_report(AnalyserFrame(*fixed, report.attempts or report.waited_ns // 1000))
+                end, waited_us = End(report.end), report.attempts or report.waited_ns // 1000
+                port, number, pulses = report.port, report.number, report.photons
+                frame = AnalyserFrame(port, number, end, pulses, 0, report.outcomes, waited_us)
+                on_report(frame)
         except grpc.aio.AioRpcError as error:
             meaning = self._meaning(error.code(), error.details())
             raise HardwareFault(str(meaning)) from error

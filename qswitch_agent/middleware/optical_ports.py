@@ -52,12 +52,11 @@ def description(condition: Condition, port: int) -> PortOptics:
     tuning = tuning_of(condition, port)
     if tuning is None:
         return PortOptics(0, 0, 0, 0, 0, 0, 0, 0, 0)
-    band = tuning.min_mhz, tuning.max_mhz, tuning.grid_mhz
+    least, most, grid = tuning.min_mhz, tuning.max_mhz, tuning.grid_mhz
+    low_dbm, high_dbm = round(tuning.min_dbm * 10), round(tuning.max_dbm * 10)
     fixed = optical.TX_PWR | optical.USE_FREQ
     supported = fixed if port in condition.channels else optical.TUNABLE
-    return PortOptics(
-        supported, *band, *band, round(tuning.min_dbm * 10), round(tuning.max_dbm * 10)
-    )
+    return PortOptics(supported, least, most, grid, least, most, grid, low_dbm, high_dbm)
 
 
 def tuning_of(condition: Condition, port: int) -> Tuning | None:

@@ -30,14 +30,14 @@ class Identity(NamedTuple):
 def described(message: bytes, identity: Identity) -> bytes:
     _maker, _hardware, software, serial, _name = DESCRIPTION.unpack_from(message, messages.BODY)
     bridge = software.partition(b"\0")[0].decode("ascii", "replace")
-    texts = (
+    description = DESCRIPTION.pack(
         b"qmn",
         f"optical cross-connect, {identity.fibers} fibre ports".encode(),
         f"qmn agent on Open vSwitch {bridge}".encode(),
         serial,
         identity.name.encode(),
     )
-    return messages.rebuilt(message, [DESCRIPTION.pack(*texts)])
+    return messages.rebuilt(message, [description])
 
 
 @strict

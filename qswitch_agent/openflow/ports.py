@@ -46,9 +46,9 @@ class Port:
         return not (down or self.gone)
 
     def encode(self) -> bytes:
-        fixed = self.address, os.fsencode(self.name), self.config, self.state
-        length = PORT.size + len(self.properties)
-        return PORT.pack(self.number, length, *fixed) + self.properties
+        length, name = PORT.size + len(self.properties), os.fsencode(self.name)
+        fixed = PORT.pack(self.number, length, self.address, name, self.config, self.state)
+        return fixed + self.properties
 
 
 @strict

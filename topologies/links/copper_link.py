@@ -136,8 +136,10 @@ class CopperLink(Link):
                     "first machine alone"
                 )
         one, other = (tap(name, node) for name, node in ends)
-        nature = delay_s(self.length_km), self.loss, self.mbps
-        cable = Cable(intfname1, intfname2, one, other, *nature, *self._software)
+        late_s = delay_s(self.length_km)
+        cable = Cable(
+            intfname1, intfname2, one, other, late_s, self.loss, self.mbps, *self._software
+        )
         runtime.current().cables.append(cable)
 
 

@@ -74,8 +74,8 @@ class FiberLink(Channel):
             names = {**_names(node1, node2), "port1": near, "port2": far}
             link = Channel(node1, node2, **quick({**params, **names}))
             self.channels.append(link)
-            ends = _end(link.intf1), _end(link.intf2)
-            fibers.append(Fiber.joining(*ends, described, channel, _strand(first)))
+            one, other = _end(link.intf1), _end(link.intf2)
+            fibers.append(Fiber.joining(one, other, described, channel, _strand(first)))
 
     def delete(self) -> None:
         for link in self.channels:

@@ -44,8 +44,8 @@ def lay_management(
     addresses = {}
     for number, (name, switch) in enumerate(switches.items(), 1):
         ours, theirs = (str(NETWORK + 256 * number + host) for host in (1, 2))
-        ends = controller, switch
-        near, far = _interfaces(*ends, theirs, lengths[name], network.settings.control_loss)
+        length_km, loss = lengths[name], network.settings.control_loss
+        near, far = _interfaces(controller, switch, theirs, length_km, loss)
         inside += [
             f"link set {near} master {bridge}",
             f"addr add {ours}/30 dev {bridge}",

@@ -367,8 +367,10 @@ class Network:
     def _begin_openflow(self) -> Path:
         if self._openflow is None:
             (c0,) = (each for each in self.net.controllers if isinstance(each, QuantumController))
-            port = "tcp", "port", str(self.runtime.settings.openflow_port)
-            self._openflow = self.captures.begin(c0.name, bridge_of(c0.name), *port, inside=c0.pid)
+            bridge, port = bridge_of(c0.name), str(self.runtime.settings.openflow_port)
+            self._openflow = self.captures.begin(
+                c0.name, bridge, "tcp", "port", port, inside=c0.pid
+            )
         return self._openflow
 
     def check(self) -> None:

@@ -53,9 +53,9 @@ def _sessions(axes: Axes, series: Sequence[Moment], _end: float) -> None:
         if isinstance(moment, SessionMoment) and moment.opened and moment.qber is not None
     ]
     for with_key, colour, label in ((True, QUANTUM, "key"), (False, BAD, "no key")):
-        some = [(at, qber) for at, qber, keys in held if keys == with_key]
-        points = [at for at, _qber in some], [qber for _at, qber in some]
-        axes.plot(*points, "o", color=colour, markersize=5, label=label)
+        times = [at for at, _qber, keys in held if keys == with_key]
+        rates = [qber for _at, qber, keys in held if keys == with_key]
+        axes.plot(times, rates, "o", color=colour, markersize=5, label=label)
     axes.axhline(MAX_QBER, color=MUTED, linewidth=0.9, linestyle="--")
     axes.set_ylabel("QBER")
     axes.set_ylim(bottom=-0.01)
@@ -78,7 +78,7 @@ def _tunnel(axes: Axes, series: Sequence[Moment], end: float) -> None:
 
 def _file(axes: Axes, series: Sequence[Moment], _end: float) -> None:
     parts = [moment for moment in series if isinstance(moment, FileMoment)]
-    points = [part.at for part in parts], [part.bytes / 1e6 for part in parts]
-    axes.plot(*points, color=METADATA, linewidth=1.8)
+    megabytes = [part.bytes / 1e6 for part in parts]
+    axes.plot([part.at for part in parts], megabytes, color=METADATA, linewidth=1.8)
     axes.set_ylabel("file (MB)")
     axes.set_ylim(bottom=0)

@@ -172,8 +172,8 @@ def _quantum_steps(events: Sequence[Event], network: NetworkFacts) -> Iterator[S
                     text = f"{event.node}→{landing.node} {text}"
                     yield Step(QUANTUM, lane(event), event.time_ns, text)
                 else:
-                    ends = lane(landing), landing.time_ns
-                    yield Step(QUANTUM, lane(event), event.time_ns, text, *ends)
+                    end, end_ns = lane(landing), landing.time_ns
+                    yield Step(QUANTUM, lane(event), event.time_ns, text, end, end_ns)
                 continue
         if event.kind != "arrive":
             yield Step(QUANTUM, lane(event), event.time_ns, _describe_event(event, switches, parts))

@@ -138,5 +138,5 @@ def _segment(packet: Packet) -> Segment | None:
     payload = data[header + 4 * (data[header + 12] >> 4) : total]
     if not payload:
         return None
-    ends = str(IPv4Address(data[12:16])), source_port, str(IPv4Address(data[16:20])), target_port
-    return Segment(packet.time_ns, *ends, sequence, payload)
+    source, target = str(IPv4Address(data[12:16])), str(IPv4Address(data[16:20]))
+    return Segment(packet.time_ns, source, source_port, target, target_port, sequence, payload)

@@ -108,9 +108,12 @@ class Report(Message):
     again: bytes = b""  # a bit for each lost pair to send again, high bit first; empty: none
 
     def encode(self) -> bytes:
-        numbers = self.block, self.pairs, self.lost, self.errors, self.corrected, self.filled
-        fixed = self.FIELDS.pack(*numbers, len(self.failed))
-        return self._frame(fixed + struct.pack(f"!{len(self.failed)}I", *self.failed) + self.again)
+        lost, errors, corrected, filled = self.lost, self.errors, self.corrected, self.filled
+        failed = struct.pack(f"!{len(self.failed)}I", *self.failed)
+        fixed = self.FIELDS.pack(
+            self.block, self.pairs, lost, errors, corrected, filled, len(self.failed)
+        )
+        return self._frame(fixed + failed + self.again)
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "Report":

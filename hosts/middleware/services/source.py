@@ -111,7 +111,7 @@ def relayed_blocks(session: int, number: int) -> tuple[BlockName, BlockName]:
 
 
 def _emit(side: Side, request: Emit, how: Emitting) -> Steps[None]:
-    block = side.setup.session, request.block, request.pairs
-    light = request.rate_hz, side.setup.wavelength_pm
+    session, wavelength_pm = side.setup.session, side.setup.wavelength_pm
+    block, pairs, rate_hz = request.block, request.pairs, request.rate_hz
     first, second = side.ports[:2]
-    yield from do(how, *block, (first, second), *light)
+    yield from do(how, session, block, pairs, (first, second), rate_hz, wavelength_pm)

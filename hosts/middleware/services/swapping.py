@@ -180,8 +180,8 @@ class Blocks:
         self._lit += 1
         if self._switches:
             yield Concurrently(self._purify(name, self._lit))
-        next_of = size, max(1, self._switches), HERALD_TIMEOUT_S + long_s, self._lit
-        swapped: Swapped = yield Wait(partial(self._frames.next, *next_of))
+        chains, limit_s = max(1, self._switches), HERALD_TIMEOUT_S + long_s
+        swapped: Swapped = yield Wait(partial(self._frames.next, size, chains, limit_s, self._lit))
         if swapped.outcomes.size:
             since_ns = yield from stored_since(name)
         return swapped, swapped.outcomes != NO_COINCIDENCE, since_ns

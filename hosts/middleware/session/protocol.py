@@ -418,8 +418,10 @@ class OpenerSide(HostSide):
 def own_pairs(side: Side, number: int, count: int, port: str) -> Steps[Stored]:
     """Make a block of pairs at this host and send half 1 into a port; return the kept halves."""
     setup = side.setup
-    light = setup.rate_hz, setup.wavelength_pm
-    return (yield from do(Qnic.share_pairs, setup.session, number, count, port, *light))
+    rate_hz, wavelength_pm = setup.rate_hz, setup.wavelength_pm
+    return (
+        yield from do(Qnic.share_pairs, setup.session, number, count, port, rate_hz, wavelength_pm)
+    )
 
 
 def do(

@@ -151,8 +151,8 @@ class Machine:
         under_way = f"{target}.{next(self._numbers)}"  # hosts put what they share at once
         for offset in range(0, max(len(data), 1), MOST_BODY_BYTES):
             end = offset + MOST_BODY_BYTES
-            piece = {"path": target, "under_way": under_way, "is_last": end >= len(data)}
-            self.ask("put", data[offset:end], **piece)
+            piece, is_last = data[offset:end], end >= len(data)
+            self.ask("put", piece, path=target, under_way=under_way, is_last=is_last)
 
     def get(self, path: Path | str, most_bytes: int | None = None) -> bytes | None:
         """Return what is in a file there, None if there is none; NetworkError if it is longer."""
