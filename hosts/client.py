@@ -229,9 +229,6 @@ class BlockingSession:
     def sendall(self, data: bytes) -> None:
         _wait(self._own.opener.sendall(data), self._loop)
 
-    def begin_to_send(self, data: bytes) -> "Future[None]":
-        return asyncio.run_coroutine_threadsafe(self._own.opener.sendall(data), self._loop)
-
     def end(self, look: Look | None = None) -> list[dict[str, Any]]:
         return _wait(self._own.end(), self._loop, look)
 

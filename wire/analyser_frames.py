@@ -20,7 +20,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Literal, Self, TypeVar
+from typing import Literal, Self
 
 from wire.malformed import MalformedPacket
 from wire.optical import EXPERIMENTER
@@ -242,13 +242,3 @@ class MemoryCounts:
 
     def encode(self) -> bytes:
         return self.FIELDS.pack(*vars(self).values())
-
-
-Counts = TypeVar("Counts", AnalyserCounts, MemoryCounts)
-
-
-def decode_counts(body: bytes, of: type[Counts]) -> list[Counts]:
-    """Read the body of a reply; raise MalformedPacket if it is not whole entries."""
-    if len(body) % of.FIELDS.size:
-        raise MalformedPacket(f"{of.__name__} in {len(body)} bytes")
-    return [of(*counts) for counts in of.FIELDS.iter_unpack(body)]

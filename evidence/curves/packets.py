@@ -23,9 +23,11 @@ from controller_apps.light.paths import HostPort
 from controller_apps.policy.schedules import Queue
 from controller_apps.sessions.arbiter import Arbiter
 from evidence.curves.contention import FOR_EVER_S
+from evidence.curves.estimates import Estimate, mean_of_draws, proportion
 from evidence.curves.scheduling import away, network_of
 from evidence.traffic.counted import Asked, CountedTime, Fate
 from topologies.catalogue.maps import Map
+from wire.results.run_result import ACCEPTED, LoadSession
 
 ROUNDING_S = 1e-9
 MOST = 10_000
@@ -231,3 +233,13 @@ def measured(
     )
     ask_in_counted_time(read, asking, queue, signalling)
     return {"share": asking.share, "turnaround": float(np.mean(asking.turnarounds_s))}
+
+
+def of_emulated(sessions: Sequence[LoadSession]) -> tuple[Estimate, Estimate]:
+    """Return which share of packets was made in a network, and in what time from release on (s)."""
+    took_s = [
+        each.setup_s + each.holding_s
+        for each in sessions
+        if each.outcome == ACCEPTED and each.setup_s is not None
+    ]
+    return proportion(len(took_s), len(sessions)), mean_of_draws(took_s)

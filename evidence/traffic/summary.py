@@ -131,8 +131,8 @@ def waits(
                 (ready_ns - since_ns) / 1e9 / scale
                 for since_ns in (began_ns, queued.pop(session, ready_ns))
             )
-            after = request["after"]["session"]
-            rows.append(LoadWait(session, opener, acceptor, ready_s, waited_s, after, *holders))
+            before = request["after"]["session"]
+            rows.append(LoadWait(session, opener, acceptor, ready_s, waited_s, before, *holders))
     return sorted(rows, key=lambda each: -each.waited_s)
 
 

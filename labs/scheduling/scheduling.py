@@ -9,7 +9,7 @@ from pathlib import Path
 
 from evidence.curves.estimates import Estimate, mean_of_draws
 from evidence.curves.figure import Mark
-from evidence.curves.packet_sessions import of_emulated
+from evidence.curves.packets import of_emulated
 from evidence.labs.drawing import Series, draw_several
 from evidence.labs.lab import Chart, Finding, Lab, Runs, paired
 

@@ -97,8 +97,8 @@ def _of_states(result: RunResult) -> str:
             text = f"{found.pairs:,} pairs of {begin} and {end}"
             if found.fidelity is None or found.fidelity_low is None or found.fidelity_high is None:
                 return text
-            fidelity = interval(found.fidelity, found.fidelity_low, found.fidelity_high)
-            return f"{text}, with fidelity {fidelity}"
+            between = interval(found.fidelity, found.fidelity_low, found.fidelity_high)
+            return f"{text}, with fidelity {between}"
         case SealFigures() as found:
             verdict = "Alarm: somebody measures" if found.alarm else "No alarm"
             return f"{verdict}, {found.compared:,} pairs of {begin} and {end} compared"

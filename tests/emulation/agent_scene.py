@@ -37,7 +37,7 @@ from topologies.system.processes.programs import python
 from topologies.system.runs.runtime import free_port
 from wire import dispatcher_pb2 as pb
 from wire import dispatcher_service, optical
-from wire.analyser_frames import AnalyserCounts, MemoryCounts, decode_counts
+from wire.analyser_frames import AnalyserCounts, MemoryCounts
 from wire.config import AgentConfig
 from wire.dispatcher_service import cross_connects_socket
 
@@ -313,11 +313,13 @@ class Operator(Controller):
 
     def memories(self) -> list[MemoryCounts]:
         """Return the statistics of the switch's memories."""
-        return decode_counts(self._counts(optical.MEMORY_COUNTS), MemoryCounts)
+        body = self._counts(optical.MEMORY_COUNTS)
+        return [MemoryCounts(*counts) for counts in MemoryCounts.FIELDS.iter_unpack(body)]
 
     def analysers(self) -> list[AnalyserCounts]:
         """Return the counts of the switch's analysers and stations."""
-        return decode_counts(self._counts(optical.ANALYSER_COUNTS), AnalyserCounts)
+        body = self._counts(optical.ANALYSER_COUNTS)
+        return [AnalyserCounts(*counts) for counts in AnalyserCounts.FIELDS.iter_unpack(body)]
 
     def _counts(self, kind: int) -> bytes:
         ask = parser.OFPExperimenterStatsRequest

@@ -3,6 +3,7 @@
 import re
 import subprocess
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from queue import SimpleQueue
@@ -195,7 +196,7 @@ class Session:
         self._received: SimpleQueue[bytes] = SimpleQueue()
         options |= {"take": self._received.put, "limit_s": None}
         self._opening = blocking_session(stacks, BYTES, ends, port, **options)
-        self._closing = ExitStack()
+        self._closing, self._threads = ExitStack(), ThreadPoolExecutor(1)
 
     def open(self) -> "Session":
         """Connect; raise QuantumSocketError if that is refused."""
@@ -210,7 +211,7 @@ class Session:
 
     def start(self, data: bytes) -> None:
         """Begin to send."""
-        self._sending = self._session.begin_to_send(data)
+        self._sending = self._threads.submit(self._session.sendall, data)
 
     @property
     def sending(self) -> bool:
@@ -237,6 +238,7 @@ class Session:
     def close(self) -> None:
         """Leave the session, which is broken off unless it has ended."""
         self._closing.close()
+        self._threads.shutdown()
 
 
 @contextmanager

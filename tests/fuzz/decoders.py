@@ -53,12 +53,9 @@ from wire import (
 from wire import lldp as host_seal
 from wire.analyser_frames import (
     BROADCAST,
-    AnalyserCounts,
     AnalyserFrame,
     Emission,
     End,
-    MemoryCounts,
-    decode_counts,
 )
 from wire.dispatcher_pb2 import BlockId, Event
 from wire.features import EVERYTHING, NodeFeatures
@@ -289,18 +286,6 @@ FORMATS: dict[str, Target] = {
         Emission.decode,
         lambda emission: emission.encode(),
         canonical=False,  # addresses
-    ),
-    "analyser counts": Target(
-        [AnalyserCounts(60_001, 5, 1, 1, 1, 1, 1).encode() * 2],
-        lambda data: decode_counts(data, AnalyserCounts),
-        lambda counts: b"".join(each.encode() for each in counts),
-        canonical=False,  # padding
-    ),
-    "memory counts": Target(
-        [MemoryCounts(61_001, 5, 1, 6, 1, 0, 0).encode() * 2],
-        lambda data: decode_counts(data, MemoryCounts),
-        lambda counts: b"".join(each.encode() for each in counts),
-        canonical=False,  # padding
     ),
     "gaps": Target(
         [gaps.encode(np.array(each)) for each in ([0], [0, 3, 9, 10], [7, 500, 999])],

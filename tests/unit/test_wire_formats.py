@@ -8,8 +8,8 @@ BEGINNINGS = {
     *("conference proposal", "path optics", "event", "event, shown", "record", "packed folder"),
     *("line of an application", "pcapng", "pcap", "key distribution, cut", "query for keys"),
     *("request for keys", "socket call", "socket call's fields", "console's answer"),
-    *("analyser counts", "memory counts", "gaps"),
     *("NetQASM, application", "NetQASM, subroutine", "NetQASM, text", "optical port statistics"),
+    "gaps",
 }
 # Behind these is the next message, padding of Ethernet, or free text.
 TAILS = {

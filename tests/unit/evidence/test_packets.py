@@ -4,6 +4,7 @@ arXiv:2605.28795; what their program draws is in labs/scheduling/reference.json.
 """
 
 import json
+from collections.abc import Sequence
 from math import sqrt
 from statistics import fmean, stdev
 
@@ -13,16 +14,17 @@ import pytest
 from controller_apps.policy.schedules import Queue
 from controller_apps.sessions.arbiter import Arbiter
 from evidence.curves.contention import FOR_EVER_S, address, trunk
-from evidence.curves.packet_sessions import as_sessions, counted, of_counted, of_emulated
 from evidence.curves.packets import (
     Application,
     Pairs,
     Requests,
     ask_in_counted_time,
     drawn,
+    of_emulated,
     timetable,
     tree_of,
 )
+from evidence.curves.scheduling import address as address_of
 from evidence.curves.scheduling import away, network_of
 from evidence.labs import catalogue
 from evidence.traffic.counted import GIVEN_UP, Asked, CountedTime, Fate
@@ -132,6 +134,42 @@ def test_who_gives_up_asks_for_the_next_once_and_has_no_light_any_more() -> None
     assert (first.used, third.used, third.waited_s) == (True, True, 0.0)
 
 
+def as_sessions(
+    applications: Sequence[Application],
+    pairs: Pairs,
+    packets: int,
+    rate_per_s: float,
+    random: np.random.Generator,
+) -> list[Planned]:
+    """Return packets as sessions that are asked for once, for `qmn run load`; in order of time.
+
+    Each holds its light as long as all attempts take until it is made, one behind the other, and is
+    given up where the window of the last could not end by the deadline.
+    """
+    sessions = []
+    for application in applications:
+        released_s = 0.0
+        for _ in range(packets):
+            released_s += random.exponential(1 / rate_per_s)
+            held, needed = 0, application.window + 1
+            while needed > application.window:
+                needed = pairs.packet + int(
+                    random.negative_binomial(pairs.packet, application.chance)
+                )
+                held += min(needed, application.window)
+            left_s = pairs.period_s - application.window * pairs.slot_s
+            sessions.append(
+                Planned(
+                    released_s,
+                    application.path[0],
+                    application.path[-1],
+                    held * pairs.slot_s,
+                    left_s,
+                )
+            )
+    return sorted(sessions, key=lambda each: each.at_s)
+
+
 def test_packets_of_the_lab_are_those_that_the_model_draws() -> None:
     """The first thirty of ten applications with four packets a second."""
     names = [place.name for place in GARR.places]
@@ -145,57 +183,28 @@ def test_packets_of_the_lab_are_those_that_the_model_draws() -> None:
         assert (one.holding_s, one.deadline_s) == pytest.approx((other.holding_s, other.deadline_s))
 
 
-def test_a_packet_holds_its_light_for_all_attempts_and_has_a_window_left_for_the_last() -> None:
-    """Each attempt holds it up to the second pair, or the whole window in vain."""
-    pairs = Pairs()
-    path = ["rm2", "rm1", "ca1"]
-    chance, window = pairs.chance(2), pairs.window(2)
-    own = [Application(path, chance, window)]
-    found = as_sessions(own, pairs, 20_000, 1.0, np.random.default_rng(1))
-    again = 1 - two_or_more(window, chance)
-    slots = np.array([each.holding_s for each in found]) / pairs.slot_s
-    # The mean of min(slots up to the second pair, window), of 1/(1 - again) attempts.
-    mean = sum(1 - two_or_more(n, chance) for n in range(window)) / (1 - again)
-    assert abs(slots.mean() - mean) < 5 * slots.std() / sqrt(len(slots))
-    assert {each.deadline_s for each in found} == {1 - window * pairs.slot_s}
-    times = [each.at_s for each in found]
-    assert times == sorted(times)
-
-
-@pytest.mark.parametrize(("deadline_s", "reason"), [(1.0, GIVEN_UP), (20.0, ""), (None, "")])
-def test_a_session_of_the_lab_is_given_up_at_its_deadline_if_it_has_one(
-    deadline_s: float | None, reason: str
-) -> None:
-    """Both want one fibre, which the first has for ten seconds."""
-    both = [Planned(0.0, "rm1", "mi1", 10.0), Planned(0.5, "rm1", "mi1", 10.0, deadline_s)]
-    first, second = counted(GARR, both, Queue("edf"), 1.0)
-    assert first.used
-    assert second.reason == reason
-    if not reason:
-        assert second.waited_s == pytest.approx(9.5, abs=0.1)  # but for messages
-
-
 def test_one_packet_in_counted_time_waits_for_six_ways_of_messages() -> None:
     """To the controller, to switches and back, to the acceptor and back, and to the opener."""
-    _network, switches = network_of(GARR)
+    network, switches = network_of(GARR)
     far_s = away(GARR, switches)
     ends = "rm1", "mi1"
-    (report,) = counted(GARR, [Planned(0.0, *ends, 0.01, 1.0)], Queue("edf"), 1.0)
+    arbiter = Arbiter(network, FOR_EVER_S, FOR_EVER_S, queues=True, order=Queue("edf"))
+    opener, acceptor = (address_of(switches[end]) for end in ends)
+    asked = Asked(0.0, opener, acceptor, 0.01)
+    (report,) = CountedTime(arbiter, far_s.__getitem__).run([asked])
     one, other = (far_s[switches[end]] for end in ends)
     least = 2 * one + 2 * other + 2 * max(one, other)
     assert report.waited_s is not None
     assert least - 1e-9 <= report.waited_s <= 2 * one + 2 * other + 2 * max(far_s.values())
-    share, took = of_counted([report, report])
-    assert share.value == 1.0
-    assert took.value == pytest.approx(report.waited_s + 0.01)
 
 
 def test_packets_of_a_network_count_as_made_where_they_were_accepted() -> None:
     ways = [("accepted", 0.02, 0.01), ("late", None, 0.5), ("accepted", 0.04, 0.01)]
-    share, took = of_emulated(
+    sessions = [
         LoadSession(0, 0, "rm1", "mi1", [], outcome, "", "", setup_s, 1, 0, holding_s, None, None)
         for outcome, setup_s, holding_s in [*ways, ("broken", 0.1, 0.5)]
-    )
+    ]
+    share, took = of_emulated(sessions)
     assert share.value == 0.5
     assert took.value == pytest.approx(0.04)  # of .03 and .05
     assert took.error == pytest.approx(0.01)

@@ -4,6 +4,7 @@ import asyncio
 import socket
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -68,9 +69,13 @@ def test_bytes_arrive_while_others_are_sent(tmp_path: Path) -> None:
 
     def carry() -> None:
         options: dict[str, Any] = {"limit_s": SOON_S, "take": got.extend}
-        with blocking_session(stacks_in(tmp_path), BYTES, ENDS, 7, **options) as carrying:
+        stacks = stacks_in(tmp_path)
+        with (
+            ThreadPoolExecutor(1) as threads,
+            blocking_session(stacks, BYTES, ENDS, 7, **options) as carrying,
+        ):
             assert carrying.results() == []
-            sending = carrying.begin_to_send(data)
+            sending = threads.submit(carrying.sendall, data)
             sending.result(SOON_S)
             carrying.sendall(data)
             carrying.end()

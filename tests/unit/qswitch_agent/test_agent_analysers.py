@@ -22,7 +22,6 @@ from wire.analyser_frames import (
     AnalyserFrame,
     Emission,
     End,
-    decode_counts,
 )
 from wire.parameters.switch import inner_ports
 from wire.part_descriptions import NEVER_NS
@@ -57,7 +56,7 @@ def test_counts_are_told_to_who_asks_for_them() -> None:
             now.controller.says(messages.request(ofp.OFPMP_EXPERIMENTER, 4, body))
             answer = of.decoded(await now.controller.next())
             assert answer.body.exp_type == optical.ANALYSER_COUNTS
-            assert decode_counts(bytes(answer.body.data), AnalyserCounts) == counts
+            assert bytes(answer.body.data) == b"".join(each.encode() for each in counts)
 
     play(scene())
 

@@ -1,5 +1,6 @@
 """Frames of Bell analysers as bytes: read as written, and hostile ones refused whole."""
 
+import struct
 from dataclasses import replace
 
 import pytest
@@ -13,7 +14,6 @@ from wire.analyser_frames import (
     AnalyserFrame,
     Emission,
     End,
-    decode_counts,
     frames_of,
 )
 from wire.malformed import MalformedPacket
@@ -111,19 +111,16 @@ def test_ports_numbers_and_sizes_of_nothing_are_refused() -> None:
             AnalyserFrame.decode(BYTES[:14] + payload)
 
 
-def test_counts_add_up_and_are_read_as_written() -> None:
+def test_counts_add_up_and_are_written_in_their_order() -> None:
     counts = AnalyserCounts(60_001)
     ends = [AnalyserFrame(60_001, 8, end, 2) for end in (End.UNFIT, End.FAILED, End.WAITS)]
     many = replace(HERALDED, waited_us=1 << 40)
     for report in (FRAME, ALONE, *ends, HERALDED, many, NOTHING):
         attempts = report.waited_us if report.end == End.HERALDED else 0
         counts.add(report.end, report.outcomes, attempts)
-    assert decode_counts(counts.encode(), AnalyserCounts) == [
-        AnalyserCounts(60_001, 9, 1, 3, 1, 3, 1, 1, 0, 1, failed=1, attempts=198 + (1 << 40))
-    ]
+    numbers = struct.unpack("!I4x11Q", counts.encode())
+    assert numbers == (60_001, 9, 1, 3, 1, 3, 1, 1, 0, 1, 1, 198 + (1 << 40))
     assert AnalyserFrame.decode(many.encode(BROADCAST, SENDER)).waited_us == (1 << 32) - 1
-    with pytest.raises(MalformedPacket, match="95 bytes"):
-        decode_counts(counts.encode()[:-1], AnalyserCounts)
 
 
 def test_what_a_source_emits_by_is_read_as_written_and_hostile_bytes_are_refused() -> None:
