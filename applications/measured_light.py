@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from hosts.hardware.operations import BlockName
+from hosts.hardware import steps
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Qnic
-from hosts.hardware.replies import Symbols
+from hosts.hardware.replies import Symbols, bits_of
 from hosts.middleware.session.protocol import (
     Collect,
     HostSide,
@@ -23,7 +24,17 @@ def random_bases(side: HostSide, photons: int) -> Symbols:
 
 
 def measuring(side: Side, name: BlockName, bases: Symbols) -> Steps[Light]:
-    return begin(Qnic.measure_arrivals, name, side.ports[0], bases, LIGHT_TIMEOUT_S)
+    return begin(measure_arrivals, name, side.ports[0], bases, LIGHT_TIMEOUT_S)
+
+
+async def measure_arrivals(
+    qnic: Qnic, block: BlockName, port: str, bases: Symbols, timeout_s: float
+) -> Symbols:
+    """Measure the photons that arrive at a port, as `measure` does; NoLight if none does."""
+    _received, measured = await qnic.perform(
+        steps.receive(block, port, timeout_s), steps.measure(block, bases)
+    )
+    return bits_of(measured)
 
 
 def measured(side: Side, light: Light, photons: int) -> Steps[Symbols]:

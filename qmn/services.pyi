@@ -1,6 +1,6 @@
 """What type checkers see of services.py, which reads here where each name is."""
 
-from hosts.hardware.operations import BlockName as BlockName
+from hosts.hardware.block_name import BlockName as BlockName
 from hosts.hardware.qnic import Qnic as Qnic
 from hosts.hardware.replies import HardwareError as HardwareError
 from hosts.hardware.replies import Symbols as Symbols

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from applications.ghz.options import MOST_HOSTS, GhzOptions
 from applications.ghz.service import FollowerFigures, LineFigures
-from hosts.hardware.operations import BlockName
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
 from hosts.middleware.session.blocks import LOST, Mask, correct_rotation, keep_of_all, store

@@ -17,7 +17,7 @@ import numpy as np
 from applications.ghz.line import Right, Table, seen
 from applications.ghz.witness import X, Y, Z
 from applications.graph_states.graph import Graph, Half
-from hosts.hardware.operations import BlockName
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
 from hosts.middleware.session.blocks import LOST, Mask, keep_of_all, store

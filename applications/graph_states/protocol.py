@@ -24,7 +24,7 @@ from applications.graph_states.graph import graph_of_numbers, numbers_of_graph
 from applications.graph_states.options import COLOURS, GraphOptions
 from applications.graph_states.service import GraphFigures
 from applications.graph_states.witness import Colours, Stabilisers
-from hosts.hardware.operations import BlockName
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.replies import Symbols
 from hosts.middleware.session.blocks import LOST
 from hosts.middleware.session.errors import SessionError

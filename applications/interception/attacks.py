@@ -21,8 +21,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import LEFT_ALONE, Qnic
+from applications.interception.photons import LEFT_ALONE, resend, split
+from hosts.hardware.block_name import BlockName
+from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
 from hosts.middleware.session.protocol import Steps, do
 from wire.outcomes import NO_COINCIDENCE
@@ -76,7 +77,7 @@ class InterceptResend:
         bases = self._choose(block, photons)
         outcomes = np.full(bases.size, NO_COINCIDENCE, dtype=np.uint8)
         if (bases != LEFT_ALONE).any():
-            outcomes = yield from do(Qnic.resend, block, bases)
+            outcomes = yield from do(resend, block, bases)
         zeros, ones = (int(np.count_nonzero(outcomes == bit)) for bit in (0, 1))
         self._seen.measured += int(np.count_nonzero(bases != LEFT_ALONE))
         self._seen.zeros += zeros
@@ -145,7 +146,7 @@ class PhotonSplitting:
     def attack(self, block: BlockName, photons: int) -> Steps[dict[str, Any]]:
         """Keep one photon of each pulse that has several; hold some single ones back."""
         into = BlockName(block.session, block.number | OWN_NUMBERS, block.half)
-        counts = yield from do(Qnic.split, block, into)
+        counts = yield from do(split, block, into)
         several = int(np.count_nonzero(counts >= SEVERAL))
         yield from self._keep(into, several)
         single = int(np.count_nonzero(counts == 1))

@@ -5,7 +5,7 @@ from typing import Any
 
 from applications.interception.attacks import Attack, InterceptResend, PathLosses, PhotonSplitting
 from applications.timeouts import RESENT_TIMEOUT_S
-from hosts.hardware.operations import BlockName
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import NoLight, Received
 from hosts.middleware.session.errors import SessionError

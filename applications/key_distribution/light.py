@@ -9,7 +9,7 @@ from applications.qkd.bell_test import BellOutcomes
 from applications.qkd.decoy import SHARES
 from applications.qkd.messages import MAX_KEY_BITS, MAX_PHOTONS
 from applications.qkd.sifting import Clicks, Prepared, Record
-from hosts.hardware.operations import BlockName
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
 from hosts.middleware.session.protocol import (

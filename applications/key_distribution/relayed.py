@@ -25,7 +25,7 @@ from applications.key_distribution.acceptor import BlockOfLight, Introduced, out
 from applications.measured_light import random_bases
 from applications.qkd.decoy import LEVELS, SHARES
 from applications.qkd.sifting import Record
-from hosts.hardware.operations import BlockName
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
 from hosts.middleware.services.source import relayed_blocks

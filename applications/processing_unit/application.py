@@ -13,13 +13,15 @@ from applications.processing_unit.machine import Machine
 from applications.processing_unit.measuring import choose, measurement, read_use, read_word
 from applications.processing_unit.memory import MOST, Value
 from applications.processing_unit.messages import OpenSocket, ReturnedArray, ReturnedRegister
+from applications.processing_unit.operations import process
 from applications.processing_unit.pair_requests import MAX_PAIRS, Measuring, PairRequest, Use
 from applications.processing_unit.pairs import Made, PairService
 from applications.processing_unit.qubits import Qubits
 from applications.processing_unit.subroutine import Subroutine
-from hosts.hardware.operations import BlockName
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Qnic, release
 from hosts.middleware.session.errors import SessionError
+from wire.dispatcher_pb2 import Step, TellRequest
 from wire.metadata.vocabulary import Reason
 from wire.outcomes import NO_CLICK
 
@@ -103,7 +105,8 @@ class Application:
     async def run(self, subroutine: Subroutine) -> list[ReturnedArray | ReturnedRegister]:
         """Execute a subroutine, and tell those who watch of it; return what it returns."""
         self._settle()
-        await self._qnic.tell(event_text(subroutine))
+        tell = TellRequest(text=event_text(subroutine))
+        await self._qnic.perform(Step(tell=tell))
         return await self._machine.run(subroutine)
 
     async def look(self, qubit: int, entangled: bool) -> NDArray[np.complex128]:
@@ -203,7 +206,7 @@ class Application:
     async def _measure(self, halves: list[Half], use: Use, how: Measuring) -> None:
         bases = choose(how, len(halves), self._draws)
         blocks = [half.block for half in halves]
-        outcomes = await self._qnic.process(measurement(blocks, how, bases))
+        outcomes = await process(self._qnic, measurement(blocks, how, bases))
         if NO_CLICK in outcomes:
             text = "no detector has clicked for half of a pair: take one of efficiency 1"
             raise SessionError(Reason.HARDWARE, text)

@@ -6,8 +6,9 @@ from math import pi
 import numpy as np
 
 from applications.processing_unit.memory import Value
+from applications.processing_unit.operations import Kind, Operation
 from applications.processing_unit.pair_requests import Measuring, RandomBasis, Use
-from hosts.hardware.operations import BlockName, Kind, Operation
+from hosts.hardware.block_name import BlockName
 from hosts.middleware.session.errors import SessionError
 from wire.metadata.vocabulary import Reason
 

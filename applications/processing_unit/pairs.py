@@ -20,6 +20,7 @@ from math import ceil
 from typing import Any, NamedTuple
 
 from applications.processing_unit.agreement import Agreement, reported_light_us
+from applications.processing_unit.operations import Kind, Operation, process
 from applications.processing_unit.pair_requests import (
     MADE,
     MAX_LIGHT_US,
@@ -32,7 +33,7 @@ from applications.processing_unit.pair_requests import (
 )
 from applications.processing_unit.qubits import Qubits
 from applications.timeouts import FREE_TIMEOUT_S, WANTED_TIMEOUT_S
-from hosts.hardware.operations import BlockName, Kind, Operation
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import HardwareError
 from hosts.middleware.session.arrangement import growing_pauses
@@ -283,11 +284,12 @@ class PairService:
         """Take photons out of a session, one by one, into blocks of an application's own."""
         taken = [qubits.new_block() for _ in range(pairs)]
         whole = BlockName(session, PAIRS, half)
-        await self._qnic.process(
+        await process(
+            self._qnic,
             [
                 Operation(Kind.TAKE, whole, target=block, position=position)
                 for position, block in enumerate(taken)
-            ]
+            ],
         )
         return taken
 

@@ -10,7 +10,8 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.hardware.operations import OUTCOMES, BlockName, Kind, Operation
+from applications.processing_unit.operations import OUTCOMES, Kind, Operation, process
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.middleware.session.errors import SessionError
 from wire.metadata.vocabulary import Reason
@@ -130,7 +131,7 @@ class Qubits:
         held = set(self._blocks.values())
         used = (block for operation in operations for block in (operation.block, operation.target))
         stored = (Operation(Kind.STORE, block) for block in dict.fromkeys(used) if block in held)
-        bits = await self._qnic.process([*operations, *stored])
+        bits = await process(self._qnic, [*operations, *stored])
         if NO_CLICK in bits:
             raise SessionError(
                 Reason.HARDWARE,

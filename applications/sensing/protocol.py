@@ -23,8 +23,9 @@ from applications.ghz import line
 from applications.ghz.line import Table
 from applications.ghz.options import GhzOptions
 from applications.sensing.fringe import Fringe, in_rad
+from applications.sensing.sensors import measure_at, sense
 from applications.sensing.service import SensingFigures
-from hosts.hardware.operations import BlockName
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
 from hosts.middleware.session.blocks import LOST, PAIRS
@@ -58,9 +59,9 @@ LEAST_FIRST = 16
 GROWTH = 4  # of what is known, until the middle of the fringe is known better
 
 
-def exposed(name: BlockName, steps: int) -> Steps[Symbols]:
-    yield from do(Qnic.sense, name)
-    return line.seen((yield from do(Qnic.measure_at, name, in_rad(steps))))
+def exposed(name: BlockName, turns: int) -> Steps[Symbols]:
+    yield from do(sense, name)
+    return line.seen((yield from do(measure_at, name, in_rad(turns))))
 
 
 def own_probes(name: BlockName, count: int, steps: int) -> Steps[Symbols]:

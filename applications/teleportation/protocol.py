@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from applications.teleportation import qubit_states
+from applications.teleportation.along import measure_along, prepare_along
 from applications.teleportation.qubit_states import Cardinal, Heard, States
-from hosts.hardware.operations import BlockName
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Outcomes, Symbols
 from hosts.middleware.session.errors import SessionError
@@ -117,7 +118,7 @@ def _measured(side: OpenerSide, number: int, states: States, size: int) -> Steps
     if isinstance(states, Cardinal):
         prepared = yield from do(Qnic.prepare, session, block, states.symbols)
     else:
-        prepared = yield from do(Qnic.prepare_along, session, block, states.directions)
+        prepared = yield from do(prepare_along, session, block, states.directions)
     return (yield from do(Qnic.bell_measure, prepared, side.block(number)))
 
 
@@ -172,4 +173,4 @@ def _compared(name: BlockName, operators: Symbols, states: States) -> Steps[Outc
         measured = yield from do(Qnic.outcomes, name, states.bases, operators)
         agrees = np.where(measured.outcomes <= 1, measured.outcomes ^ states.bits, NO_COINCIDENCE)
         return Outcomes(agrees.astype(np.uint8), measured.time_ns)
-    return (yield from do(Qnic.measure_along, name, states.directions, operators))
+    return (yield from do(measure_along, name, states.directions, operators))

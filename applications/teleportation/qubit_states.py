@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hosts.hardware.qnic import Directions
+from applications.teleportation.along import Directions
 from hosts.hardware.replies import Symbols
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.values import Numbers, expect, values

@@ -16,7 +16,7 @@ from mininet.topo import Topo
 from numpy.typing import NDArray
 
 from applications.time_tags import words
-from hosts.hardware.operations import BlockName
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.replies import Clicks, HardwareError
 from hosts.hardware.simulated import SimulatedQnic
 from wire.dispatcher_pb2 import Feedback, Step

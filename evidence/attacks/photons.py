@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from applications.interception.photons import LEFT_ALONE
 from applications.qkd.key_length import asymptotic_fraction
 from evidence.curves.bb84 import TO_BOB, TO_EVE, X, decoy_key, decoys_of, spied
 from evidence.curves.link import fiber, network
 from evidence.curves.parameters import Point
-from hosts.hardware.qnic import LEFT_ALONE
 
 SEED = 1
 TAPPED = 0.2  # of the photons, by a tap

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from applications.interception.photons import LEFT_ALONE
 from applications.qkd.bell_test import LOCAL, Correlations
 from applications.qkd.key_length import asymptotic_fraction
 from applications.sealing.sequential_test import Question, SequentialTest, tapped_error
@@ -33,7 +34,6 @@ from evidence.curves.link import blocks, fiber, network, share
 from evidence.curves.parameters import Point
 from evidence.curves.wald import pairs_to_alarm
 from evidence.laboratory import Laboratory
-from hosts.hardware.qnic import LEFT_ALONE
 from wire.outcomes import NO_CLICK, PAULI_BASES
 from wire.parameters.physics import Detectors, Device, PairSource
 

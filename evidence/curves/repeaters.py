@@ -26,7 +26,9 @@ from evidence.curves.experiment import Outcome
 from evidence.curves.link import BASES, Ends, fiber, fidelity, network, share
 from evidence.curves.parameters import Point
 from evidence.laboratory import SESSION, Laboratory
-from hosts.hardware.operations import BlockName
+from hosts.hardware import pair_light
+from hosts.hardware.block_name import BlockName
+from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Stored
 from hosts.hardware.simulated import SimulatedQnic
 from hosts.middleware.services.distribution import sharing
@@ -239,7 +241,7 @@ class End(Performer):
                     self.peer.inbox.put_nowait(message)
             case protocol.Hear() | protocol.HearNext():
                 return await self.inbox.get()
-            case protocol.Begin("receive_into_memory", (name, *_)):
+            case protocol.Begin(pair_light.receive_into_memory, (name, *_)):
                 return Light(name)
             case protocol.Collect(light):
                 return await self._stored(cast(BlockName, light))
@@ -251,7 +253,7 @@ class End(Performer):
                 return None  # nobody listens
             case protocol.Now():
                 return 1.0  # nothing that is measured depends on it
-            case protocol.Do("discard_block", (_session, number)):
+            case protocol.Do(Qnic.discard_block, (_session, number)):
                 with suppress(Refusal):
                     await self._host.discard((number, list(WAYS).index(self._host.name)))
             case _:

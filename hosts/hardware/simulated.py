@@ -14,7 +14,7 @@ import grpc
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.hardware.operations import BlockName
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.orders import Chain, Orders, Standing, proved
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import HardwareError
@@ -169,7 +169,7 @@ def _problem(kind: type) -> str:
     if not issubclass(kind, Qnic):
         return "is not a subclass of Qnic; derive it from hosts.hardware.qnic.Qnic"
     missing = ", ".join(sorted(kind.__abstractmethods__))
-    return f"has no {missing}; see hosts/hardware/pair_light.py" if missing else ""
+    return f"has no {missing}; see hosts/hardware/primitives.py" if missing else ""
 
 
 def with_credentials(qnic: Qnic, config: HostConfig) -> Qnic:

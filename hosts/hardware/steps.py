@@ -1,12 +1,11 @@
 """Steps of the dispatcher's orders: blocks by name, and arrays in the fewest bytes."""
 
-import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.hardware.operations import BlockName, Kind, Operation
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.replies import Symbols
 from wire import dibits
 from wire.dispatcher_pb2 import (
@@ -22,19 +21,12 @@ from wire.dispatcher_pb2 import (
     Pick,
     PulseKey,
     ReceiveRequest,
-    ResendRequest,
     SendRequest,
     Step,
     StoreRequest,
 )
 from wire.keyed import KeyedChoices
 from wire.optical import frequency_mhz
-from wire.outcomes import Pauli
-
-GATES = frozenset(kind for kind in Kind if kind.value in Gate.Name.DESCRIPTOR.values_by_name)
-PAULIS = {Kind.X: Pauli.X, Kind.Z: Pauli.Z, Kind.Y: Pauli.XZ}
-MAX_GATES = 256  # in one step
-IN_Z = bytes([MeasureRequest.Z])
 
 
 def block_id(block: BlockName) -> BlockId:
@@ -136,53 +128,3 @@ def store(block: BlockName, cutoff_s: float | None) -> Step:
 
 def discard(block: BlockName) -> Step:
     return Step(discard=DiscardRequest(block=block_id(block)))
-
-
-def steps_of(operations: Iterable[Operation]) -> Iterator[Step]:
-    gates: list[Operation] = []
-    for operation in operations:
-        is_gate = operation.kind in GATES
-        if gates and (not is_gate or operation.block != gates[0].block or len(gates) == MAX_GATES):
-            yield _applied(gates)
-            gates = []
-        if is_gate:
-            gates.append(operation)
-        else:
-            yield _step(operation)
-    if gates:
-        yield _applied(gates)
-
-
-def _applied(gates: list[Operation]) -> Step:
-    return Step(apply=ApplyRequest(block=block_id(gates[0].block), gates=map(_gate, gates)))
-
-
-def _gate(operation: Operation) -> Gate:
-    gate = Gate(name=operation.kind.value, angle_rad=operation.angle_rad)
-    if operation.target is not None:
-        gate.target.CopyFrom(block_id(operation.target))
-    return gate
-
-
-def _step(operation: Operation) -> Step:
-    name, block = operation.block, block_id(operation.block)
-    match operation.kind:
-        case Kind.ZERO:
-            state = CreateRequest.ZEROS
-            create = CreateRequest(session=name.session, number=name.number, count=1, state=state)
-            return Step(create=create)
-        case Kind.MEASURE:
-            return Step(measure=MeasureRequest(block=block, basis=MeasureRequest.Z))
-        case Kind.OBSERVE:
-            return Step(resend=ResendRequest(block=block, bases=IN_Z))
-        case Kind.STORE:
-            # An application keeps its qubits, however old.
-            return store(name, math.inf)
-        case Kind.TAKE:
-            assert operation.target is not None
-            taken = Pick(block=block, photons=[operation.position])
-            return gather(operation.target, [taken], keep_rest=True)
-        case Kind.DISCARD:
-            return discard(name)
-        case pauli:
-            return Step(apply=ApplyRequest(block=block, paulis=bytes([PAULIS[pauli]])))

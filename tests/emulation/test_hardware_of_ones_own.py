@@ -29,10 +29,12 @@ class CountingQnic(SimulatedQnic):
         super().__init__(dispatcher, token, ports)
         self._file = Path(file)
 
-    async def modulate(self, block, paulis, *light):
+    async def perform(self, *order):
         with self._file.open("a") as file:
-            print(paulis.size, file=file)
-        return await super().modulate(block, paulis, *light)
+            for step in order:
+                if step.HasField("apply"):
+                    print(4 * len(step.apply.dibits), file=file)
+        return await super().perform(*order)
 '''
 
 

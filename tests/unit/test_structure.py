@@ -194,13 +194,14 @@ ROOMS = (
     *("sealing", "sensing", "teleportation"),
 )
 AROUND = [f"applications/{name}" for name in ROOMS]
-# The performers of effects; all other modules of a service are protocols.
+# The performers of effects and operations of QNICs; all other modules are protocols.
 CARRIERS = {
     "applications/conference/conference.py",
     "applications/ghz/connections.py",
     "applications/ghz/ends.py",
     "applications/graph_states/ends.py",
     "applications/interception/interception.py",
+    "applications/interception/photons.py",
     "applications/key_distribution/key_handout.py",
     "applications/key_distribution/session.py",
     "applications/qkd/dissection.py",
@@ -208,6 +209,8 @@ CARRIERS = {
     "applications/qkd/scapy_keys.py",
     "applications/sealing/seal.py",
     "applications/sensing/ends.py",
+    "applications/sensing/sensors.py",
+    "applications/teleportation/along.py",
     "applications/teleportation/teleport.py",
     f"{SERVICES}/distribution/delivery.py",
     f"{SERVICES}/superdense/superdense.py",

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from hosts.hardware.operations import BlockName
+from hosts.hardware import pair_light
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import HardwareError
 from hosts.middleware.session.errors import SessionError, unexpected
@@ -61,7 +62,7 @@ def make_pairs(
                 raise unexpected(request, side.peer)
             _check(setup, request)
             if isinstance(request, Emission):
-                yield from _emit(side, request, Qnic.begin_pairs)
+                yield from _emit(side, request, pair_light.begin_pairs)
                 made(request.pairs)
                 begun += 1
                 if begun % MOST_BEGUN == 0:  # further orders wait
@@ -70,7 +71,7 @@ def make_pairs(
             if setup.memory == MemoryState.RELAYED:
                 yield from _announce(side, request, distinguishable_states)
                 continue
-            yield from _emit(side, request, Qnic.emit_pairs)
+            yield from _emit(side, request, pair_light.emit_pairs)
         except HardwareError as error:
             raise SessionError(Reason.HARDWARE, str(error)) from error
         made(request.pairs)
@@ -92,7 +93,10 @@ def _announce(side: Side, request: Emit, distinguishable: frozenset[int]) -> Ste
     session, number, pulses = request.session, request.block, request.pairs
     first, second = side.ports[:2]
     light = yield from begin(
-        Qnic.detect_arrivals, relayed_blocks(session, number), (first, second), LIGHT_TIMEOUT_S
+        pair_light.detect_arrivals,
+        relayed_blocks(session, number),
+        (first, second),
+        LIGHT_TIMEOUT_S,
     )
     reports = yield Collect(light, KEY_GRACE_S + pulses / side.setup.rate_hz)
     outcomes = np.full(pulses, NO_COINCIDENCE, dtype=np.uint8)

@@ -22,7 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from hosts.hardware.operations import BlockName
+from hosts.hardware import pair_light
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.middleware.services.distribution.delivery import make_pairs, share_pairs
 from hosts.middleware.services.distribution.pairs import Mask, Moments, Pairs
@@ -176,7 +177,7 @@ class Blocks:
         """Let qubits attempt to emit to a station in a switch; return the same."""
         name, since_ns, long_s = self._kept(number), 0, size / WHOLE_HZ
         wavelength_pm, most_s = self._side.setup.wavelength_pm, long_s if self._whole else 0.0
-        yield from do(Qnic.attempt, name, self._side.ports[0], wavelength_pm, size, most_s)
+        yield from do(pair_light.attempt, name, self._side.ports[0], wavelength_pm, size, most_s)
         self._lit += 1
         if self._switches:
             yield Concurrently(self._purify(name, self._lit))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.hardware.operations import BlockName
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Positions, Qnic
 from hosts.hardware.replies import Symbols
 from hosts.middleware.session.protocol import Steps, do

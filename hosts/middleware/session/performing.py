@@ -7,10 +7,11 @@ import asyncio
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from math import inf
 from typing import Any, TypeVar, cast
 
-from hosts.hardware.operations import BlockName
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import HardwareError, NoLight
 from hosts.middleware.session import protocol
@@ -92,10 +93,10 @@ class Performer:
         """Carry out an effect; return its result."""
         match effect:
             case protocol.Begin(operation, arguments, named):
-                light = getattr(self.qnic, operation)(*arguments, **named)
+                light = bound(self.qnic, operation)(*arguments, **named)
                 return expected(light, *_blocks_of(arguments))
             case protocol.Do(operation, arguments, named):
-                return await getattr(self.qnic, operation)(*arguments, **named)
+                return await bound(self.qnic, operation)(*arguments, **named)
             case protocol.Collect(light, timeout_s):
                 return await collected(self.qnic, cast(Expected, light), timeout_s)
             case protocol.Await(lights, timeout_s):
@@ -140,6 +141,11 @@ class Performer:
         for done, waiting in self._waiting:
             if not waiting.done() and done():
                 waiting.set_result(None)
+
+
+def bound(qnic: Any, operation: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a QNIC's own method of this name, or the operation itself, at this QNIC."""
+    return getattr(qnic, operation.__name__, None) or partial(operation, qnic)
 
 
 async def _to_the_end(work: Coroutine[Any, Any, Any]) -> Any:

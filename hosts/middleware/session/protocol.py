@@ -76,8 +76,8 @@ from typing import (
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Qnic
+from hosts.hardware import pair_light
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.replies import Stored
 from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.values import Lifetimes, Numbers, expect, values
@@ -133,7 +133,7 @@ class HearNext:
 class Do:
     """Have this host's QNIC do something."""
 
-    operation: str  # of hosts.hardware.qnic.Qnic
+    operation: Callable[..., Any]  # of a Qnic, or with one as its first argument
     arguments: tuple[Any, ...] = ()
     named: Mapping[str, Any] = field(default_factory=dict)
 
@@ -371,7 +371,7 @@ class Side:
 
     def expect_light(self, name: BlockName, port: str = "") -> Steps[Light]:
         """Begin to store the photons that will arrive at a port, the first if none is named."""
-        return begin(Qnic.receive_into_memory, name, port or self.ports[0], LIGHT_TIMEOUT_S)
+        return begin(pair_light.receive_into_memory, name, port or self.ports[0], LIGHT_TIMEOUT_S)
 
     def stored(self, light: Light, photons: int) -> Steps[Stored]:
         """Return the arrivals of light that is over; none if no photon arrived."""
@@ -420,7 +420,9 @@ def own_pairs(side: Side, number: int, count: int, port: str) -> Steps[Stored]:
     setup = side.setup
     rate_hz, wavelength_pm = setup.rate_hz, setup.wavelength_pm
     return (
-        yield from do(Qnic.share_pairs, setup.session, number, count, port, rate_hz, wavelength_pm)
+        yield from do(
+            pair_light.share_pairs, setup.session, number, count, port, rate_hz, wavelength_pm
+        )
     )
 
 
@@ -429,7 +431,7 @@ def do(
     *arguments: P.args,
     **named: P.kwargs,
 ) -> Steps[T]:
-    return (yield Do(operation.__name__, arguments, named))  # type: ignore[no-any-return]
+    return (yield Do(operation, arguments, named))  # type: ignore[no-any-return]
 
 
 def begin(
@@ -438,7 +440,7 @@ def begin(
     **named: P.kwargs,
 ) -> Steps[Light]:
     """Begin with an operation of Qnic that waits for light."""
-    return (yield Begin(operation.__name__, arguments, named))  # type: ignore[no-any-return]
+    return (yield Begin(operation, arguments, named))  # type: ignore[no-any-return]
 
 
 def hear(

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from limits import SOON_S
 
+from applications.interception.photons import resend
 from applications.time_tags import played, words
 from applications.time_tags.played import PlayedQnic, Tags, play, read
-from hosts.hardware.operations import BlockName
+from hosts.hardware import pair_light
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.replies import HardwareError
 from topologies.sdc import SdcTopo
 from wire.parameters.physics import BadParameter
@@ -67,9 +69,9 @@ def test_what_tags_do_not_take_the_place_of_is_refused(tmp_path: Path) -> None:
     block, other = BlockName(1, 1, 0), BlockName(1, 1, 1)
     for measurement in (
         qnic.measure(block, np.zeros(4, np.uint8)),
-        qnic.resend(block, np.zeros(4, np.uint8)),
+        resend(qnic, block, np.zeros(4, np.uint8)),
         qnic.bell_measure(block, other),
-        qnic.detect_pairs(1, 1, ("bob-q0", "bob-q0"), SOON_S, following=True),
+        pair_light.detect_pairs(qnic, 1, 1, ("bob-q0", "bob-q0"), SOON_S, following=True),
     ):
         with pytest.raises(HardwareError, match="tags are played for keys of --protocol bbm92"):
             asyncio.run(asyncio.wait_for(measurement, SOON_S))

@@ -14,7 +14,8 @@ from test_distribution_protocol import FOREVER, NODE_FEATURES
 
 from applications.teleportation.protocol import STATE_BLOCKS, receive, send
 from applications.teleportation.qubit_states import NAMES
-from hosts.hardware.operations import BlockName
+from hosts.hardware.block_name import BlockName
+from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Outcomes, Stored, Symbols
 from hosts.middleware.session import protocol
 from hosts.middleware.session.errors import SessionError
@@ -215,7 +216,7 @@ def test_nothing_is_measured_before_the_bits_have_come_however_they_are_cut(ever
             assert ends.bob.sent == whole.bob.sent
             reports = [order for _when, wire, order in ends.scene.orders if wire is ends.bob]
             heard = [isinstance(order, protocol.Hear) for order in reports]
-            measured = [getattr(order, "operation", "") == "outcomes" for order in reports]
+            measured = [getattr(order, "operation", None) == Qnic.outcomes for order in reports]
             before = [sum(heard[:place]) for place in np.flatnonzero(measured)]
             assert before == [3, 6]
 

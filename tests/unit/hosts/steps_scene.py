@@ -205,11 +205,11 @@ class Scene:
                     raise SessionError(Reason.NO_ANSWER, "silent")
                 return None if message is CLOSED else message
             case protocol.Begin(operation, arguments, named):
-                flying = getattr(wire.hardware, operation)(*arguments, **named)
+                flying = getattr(wire.hardware, operation.__name__)(*arguments, **named)
                 self.flying.append(flying)
                 return Light(flying)
             case protocol.Do(operation, arguments, named):
-                return getattr(wire.hardware, operation)(*arguments, **named)
+                return getattr(wire.hardware, operation.__name__)(*arguments, **named)
             case protocol.BeginEmit(block, pairs):
                 return Light(wire.hardware.emit(block, pairs))
             case protocol.Emit(block, pairs):

@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hosts.hardware.operations import BlockName
+from hosts.hardware import pair_light
+from hosts.hardware.block_name import BlockName
+from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Outcomes, Stored
 from hosts.middleware.services.distribution.pairs import Moments, Pairs
 from hosts.middleware.services.distribution.protocol import Opening, follow
@@ -73,7 +75,7 @@ class Host:
                 return self.inbox.popleft()
             case protocol.HearNext():
                 return self.inbox.popleft() if self.inbox else WAITING
-            case protocol.Begin("receive_into_memory", (name, *_)):
+            case protocol.Begin(pair_light.receive_into_memory, (name, *_)):
                 return Light(name)
             case protocol.Collect(light):
                 assert isinstance(light, BlockName)
@@ -87,7 +89,7 @@ class Host:
                 self.world.bits |= dict(zip(numbers, drawn, strict=True))
                 return None
             case protocol.Do(operation, arguments, named):
-                return getattr(self, operation)(*arguments, **named)
+                return getattr(self, operation.__name__)(*arguments, **named)
             case protocol.Tell(summary):
                 self.reports.append(vars(summary))
                 return None
@@ -228,13 +230,13 @@ def test_a_round_keeps_pairs_of_which_both_ends_measured_the_same() -> None:
     try:
         while True:
             match steps.send(outcome):
-                case protocol.Do("measure"):
+                case protocol.Do(Qnic.measure):
                     outcome = ours
-                case protocol.Do("store"):
+                case protocol.Do(Qnic.store):
                     outcome = Stored(np.ones(len(cases), bool), 0)
                 case protocol.Hear():
                     outcome = values(SETUP.session, Topic.OUTCOMES, 1, theirs, 2)
-                case protocol.Do("gather", (_into, picks)):
+                case protocol.Do(Qnic.gather, (_into, picks)):
                     picked, outcome = [picks], None
                 case _:
                     outcome = None

@@ -9,7 +9,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from hosts.hardware.operations import BlockName
+from hosts.hardware import pair_light
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Coincidences, NoLight
 from hosts.middleware.session.performing import Performer
@@ -67,7 +68,7 @@ def test_of_several_that_are_under_way_those_that_are_over_are_told_and_the_othe
     def steps(analyser: Analyser) -> Steps[Any]:
         lights = []
         for number in (1, 2):
-            lights.append((yield from begin(Qnic.detect_pairs, 7, number, PORTS, 1.0)))
+            lights.append((yield from begin(pair_light.detect_pairs, 7, number, PORTS, 1.0)))
         before = yield Await(tuple(lights), 0.01)
         analyser.light[2].set_result(FOUND)
         after = yield Await(tuple(lights))
@@ -82,7 +83,7 @@ def test_of_several_that_are_under_way_those_that_are_over_are_told_and_the_othe
 
 def test_light_that_is_late_is_given_up_by_the_names_of_both_halves() -> None:
     def steps(_analyser: Analyser) -> Steps[Any]:
-        light = yield from begin(Qnic.detect_pairs, 7, 3, PORTS, 1.0)
+        light = yield from begin(pair_light.detect_pairs, 7, 3, PORTS, 1.0)
         return (yield Collect(light, 0.01))
 
     found, analyser = performed(steps)
@@ -92,7 +93,7 @@ def test_light_that_is_late_is_given_up_by_the_names_of_both_halves() -> None:
 
 def test_light_that_is_cancelled_is_not_waited_for_when_steps_go_on() -> None:
     def steps(analyser: Analyser) -> Steps[Any]:
-        light = yield from begin(Qnic.detect_pairs, 7, 3, PORTS, 1.0)
+        light = yield from begin(pair_light.detect_pairs, 7, 3, PORTS, 1.0)
         yield Await((light,), 0.01)
         yield Cancel(light)
         return list(analyser.cancelled)
@@ -102,7 +103,7 @@ def test_light_that_is_cancelled_is_not_waited_for_when_steps_go_on() -> None:
 
 def test_what_nobody_collects_fails_in_silence(caplog: pytest.LogCaptureFixture) -> None:
     def steps(analyser: Analyser) -> Steps[Any]:
-        light = yield from begin(Qnic.detect_pairs, 7, 3, PORTS, 1.0)
+        light = yield from begin(pair_light.detect_pairs, 7, 3, PORTS, 1.0)
         yield Await((light,), 0.01)
         analyser.light[3].set_exception(NoLight("lost"))
         return (yield Await((light,)))
@@ -133,7 +134,7 @@ def test_a_wait_for_what_others_bring_about_ends_in_time() -> None:
 
 def test_steps_together_both_go_on_and_the_first_failure_ends_both() -> None:
     def light(number: int) -> Steps[Any]:
-        return (yield Collect((yield from begin(Qnic.detect_pairs, 7, number, PORTS, 1.0))))
+        return (yield Collect((yield from begin(pair_light.detect_pairs, 7, number, PORTS, 1.0))))
 
     def lets(analyser: Analyser) -> Steps[Any]:
         yield WaitUntil(lambda: False, 0.01)

@@ -15,7 +15,8 @@ from limits import SOON_S
 from stacks_scene import OWN_ADDRESS, PORTS, QNICS, Judge, grant, network, transfer
 
 from hosts import network_loop
-from hosts.hardware.operations import BlockName
+from hosts.hardware import pair_light
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.simulated import SimulatedQnic
 from hosts.middleware.services.superdense import opener, sender
 from hosts.middleware.services.superdense.coding import CODES, NAMES
@@ -278,9 +279,9 @@ def test_modulated_light_leaves_with_the_wavelength_of_its_session(tmp_path: Pat
                 for name in ("charlie", "alice")
             )
             light = ("charlie-q0", "charlie-q1")
-            await charlie.emit_pairs(9, 0, 100, light, rate_hz, 1_550_120)
+            await pair_light.emit_pairs(charlie, 9, 0, 100, light, rate_hz, 1_550_120)
             name = BlockName(9, 0, 0)
-            await alice.modulate(name, paulis, "alice-q0", rate_hz, wavelength_pm, 5.0)
+            await pair_light.modulate(alice, name, paulis, "alice-q0", rate_hz, wavelength_pm, 5.0)
             await alice.close()
             await charlie.close()
             return await photons_lost(dispatcher, PORTS["alice-q0"])
@@ -325,14 +326,14 @@ def test_a_host_that_hears_late_of_its_light_does_not_take_it_for_lost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As where it is too busy for its whole patience: the dispatcher knows what has come."""
-    modulate = SimulatedQnic.modulate
+    modulate = pair_light.modulate
 
     async def heard_late(*arguments: Any) -> int:
         first_ns = await modulate(*arguments)
         await asyncio.sleep(0.2)
         return first_ns
 
-    monkeypatch.setattr(SimulatedQnic, "modulate", heard_late)
+    monkeypatch.setattr(pair_light, "modulate", heard_late)
     monkeypatch.setattr(opener, "GRACE_S", -1.0)
     got, statistics = exchange(tmp_path, b"twelve bytes")
     assert got == b"twelve bytes"

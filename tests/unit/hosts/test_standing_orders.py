@@ -11,16 +11,19 @@ from dispatcher_status import held, status
 from stacks_scene import OWN_ADDRESS, QNICS, arbitrated, live_qubits, network
 
 from hosts import network_loop
-from hosts.hardware.operations import BlockName
+from hosts.hardware.block_name import BlockName
+from hosts.hardware.pair_light import begin_pairs, detect_pairs, modulate
 from hosts.hardware.replies import Coincidences, HardwareError
 from hosts.hardware.simulated import TIMES, SimulatedQnic
 from hosts.middleware.session.channel import MetadataChannel
+from wire.dispatcher_pb2 import Step, TellRequest
 from wire.metadata.blocks import Emission, Emitted
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import Reason, Service
 
 SESSION, RATE_HZ, WAVELENGTH_PM, TIMEOUT_S = 9, 50_000_000, 1_550_120, 10.0
 PORTS = ("charlie-q0", "charlie-q1")
+BEHIND = Step(tell=TellRequest(text="behind that"))
 # Each operator makes the Bell state of its own number of Phi+: X Psi+, Z Phi-, XZ Psi-.
 PAULIS = np.array([0, 1, 2, 3, 2, 1], dtype=np.uint8)
 
@@ -37,16 +40,16 @@ class Hosts:
 
     async def light(self, number: int) -> None:
         """Send a block by way of alice to bob."""
-        await self.charlie.begin_pairs(SESSION, number, 6, PORTS, RATE_HZ, WAVELENGTH_PM)
+        await begin_pairs(self.charlie, SESSION, number, 6, PORTS, RATE_HZ, WAVELENGTH_PM)
         half = BlockName(SESSION, number, 0)
         light = RATE_HZ, WAVELENGTH_PM, TIMEOUT_S
-        await self.alice.modulate(half, np.roll(PAULIS, number), "alice-q0", *light)
+        await modulate(self.alice, half, np.roll(PAULIS, number), "alice-q0", *light)
         await self.charlie.finish(SESSION)
 
     async def detected(self, number: int) -> Coincidences:
         """Return what bob detects of a block, as he does of those behind it."""
         ports = "bob-q1", "bob-q0"
-        return await self.bob.detect_pairs(SESSION, number, ports, TIMEOUT_S, following=True)
+        return await detect_pairs(self.bob, SESSION, number, ports, TIMEOUT_S, following=True)
 
 
 @asynccontextmanager
@@ -87,7 +90,7 @@ def test_who_asks_no_more_leaves_light_where_it_is(tmp_path: Path) -> None:
             await asyncio.sleep(0)
             waiting.cancel()
             await asyncio.wait([waiting])
-            await made.bob.tell("behind that")
+            await made.bob.perform(BEHIND)
             await made.light(2)
             blocks = await asyncio.to_thread(held, tmp_path, "bob")
             assert [(each.block.number, each.photons) for each in blocks] == [(2, 6), (2, 6)]
@@ -105,7 +108,7 @@ def test_who_asks_for_another_block_leaves_light_of_the_one_that_was_next(tmp_pa
             await first
             other = asyncio.create_task(made.detected(5))
             await asyncio.sleep(0)
-            await made.bob.tell("behind that")
+            await made.bob.perform(BEHIND)
             await made.light(2)
             blocks = await asyncio.to_thread(held, tmp_path, "bob")
             assert [(each.block.number, each.photons) for each in blocks] == [(2, 6), (2, 6)]
@@ -119,18 +122,18 @@ def test_pairs_that_cannot_be_made_are_heard_of_by_who_asks(tmp_path: Path) -> N
     async def run() -> None:
         async with hosts(tmp_path) as made:
             charlie = made.charlie
-            await charlie.begin_pairs(SESSION, 1, 6, PORTS, 0, WAVELENGTH_PM)
+            await begin_pairs(charlie, SESSION, 1, 6, PORTS, 0, WAVELENGTH_PM)
             for _ in range(2):
                 with pytest.raises(HardwareError, match="rate_hz is 0"):
                     await charlie.finish(SESSION)
             with pytest.raises(HardwareError, match="rate_hz is 0"):
-                await charlie.begin_pairs(SESSION, 2, 6, PORTS, RATE_HZ, WAVELENGTH_PM)
-            await charlie.begin_pairs(SESSION + 1, 1, 6, PORTS, RATE_HZ, WAVELENGTH_PM)
+                await begin_pairs(charlie, SESSION, 2, 6, PORTS, RATE_HZ, WAVELENGTH_PM)
+            await begin_pairs(charlie, SESSION + 1, 1, 6, PORTS, RATE_HZ, WAVELENGTH_PM)
             await charlie.finish(SESSION + 1)
             await charlie.finish(SESSION + 2)  # of which nothing was begun
             await charlie.discard(SESSION)
             await charlie.finish(SESSION)  # nothing is heard of it any more
-            await charlie.begin_pairs(SESSION, 3, 6, PORTS, RATE_HZ, WAVELENGTH_PM)
+            await begin_pairs(charlie, SESSION, 3, 6, PORTS, RATE_HZ, WAVELENGTH_PM)
             await charlie.finish(SESSION)
 
     network_loop.run(run())

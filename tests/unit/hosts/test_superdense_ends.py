@@ -17,7 +17,7 @@ from steps_scene import Flying, Going, Scene, Wire
 from test_distribution_protocol import FOREVER, NODE_FEATURES
 from test_superdense_protocol import OUTCOMES
 
-from hosts.hardware.operations import BlockName
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.replies import Coincidences, HardwareError, Symbols
 from hosts.middleware.services.superdense.acceptor import Acceptor, accepted
 from hosts.middleware.services.superdense.opener import HANDSHAKES_AHEAD, LIGHTS_AT_A_TIME, Opener

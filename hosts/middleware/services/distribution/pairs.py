@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.hardware.operations import BlockName
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Positions, Qnic
 from hosts.hardware.replies import Symbols
 from hosts.middleware.services.distribution.fidelity import Estimate

@@ -13,7 +13,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from hosts.hardware.operations import BlockName
+from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Positions, Qnic
 from hosts.hardware.replies import Symbols
 from hosts.middleware.session.blocks import LOST, TARGETS, THIRDS, reserved, store

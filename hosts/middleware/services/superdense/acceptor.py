@@ -6,6 +6,7 @@ receiver.py makes symbols and reports of outcomes. No socket, no clock.
 
 import numpy as np
 
+from hosts.hardware import pair_light
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Coincidences, HardwareError, Symbols
 from hosts.middleware.services.superdense.options import arrival_ports
@@ -155,7 +156,7 @@ class Acceptor:
     def _detecting(self, block: int, timeout_s: float, following: bool = False) -> Steps[Light]:
         side = self._side
         ports, session = arrival_ports(side.setup, side.ports), side.setup.session
-        return begin(Qnic.detect_pairs, session, block, ports, timeout_s, following)
+        return begin(pair_light.detect_pairs, session, block, ports, timeout_s, following)
 
     def _collect(self, numbers: range) -> Steps[Symbols]:
         """Return the symbols of pairs when all are over; raise what one of them has failed with."""

@@ -38,6 +38,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from operator import contains
 
+from hosts.hardware import pair_light
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
 from hosts.middleware.services.superdense.frame_format import BLOCKS_UNDER_WAY
@@ -218,7 +219,13 @@ class Opener:
         side, setup = self._side, self._side.setup
         half, port = side.block(number, sent_half(setup)), side.ports[0]
         light = yield from begin(
-            Qnic.modulate, half, paulis, port, setup.rate_hz, setup.wavelength_pm, LIGHT_TIMEOUT_S
+            pair_light.modulate,
+            half,
+            paulis,
+            port,
+            setup.rate_hz,
+            setup.wavelength_pm,
+            LIGHT_TIMEOUT_S,
         )
         # The light may be on its way again before the source has answered.
         _left, sent_on = yield Await((source, light))

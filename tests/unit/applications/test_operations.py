@@ -5,8 +5,9 @@ from itertools import product
 
 import pytest
 
-from hosts.hardware.operations import BlockName, Kind, Operation
-from hosts.hardware.steps import GATES, MAX_GATES, block_id, steps_of
+from applications.processing_unit.operations import GATES, MAX_GATES, Kind, Operation, steps_of
+from hosts.hardware.block_name import BlockName
+from hosts.hardware.steps import block_id
 from wire.dispatcher_pb2 import CreateRequest, Gate, MeasureRequest, Step
 
 ONE, OTHER = BlockName(1, 2, 0), BlockName(1, 3, 1)
