@@ -95,8 +95,8 @@ class QkdMessage:
         values, rest = cls._fixed(body)
         for packed in cls.PACKED:
             count = values[packed.count]
-            bits = packed.width * (_ones(count) if isinstance(count, bytes) else count)
-            size = _bytes_for(bits)
+            ones = int.from_bytes(count).bit_count() if isinstance(count, bytes) else count
+            size = _bytes_for(bits := packed.width * ones)
             values[packed.name], rest = rest[:size], rest[size:]
             _check_bits(cls, values[packed.name], bits)
         if rest:
@@ -110,8 +110,7 @@ class QkdMessage:
         fixed = cls.FIELDS.unpack_from(body)
         values = dict(zip([item.name for item in fields(cls)], fixed, strict=False))
         for name, (least, most) in cls.RANGES.items():
-            if not least <= values[name] <= most:
-                _check_count(f"{cls.__name__}: {name}", values[name], most, least)
+            _check_count(f"{cls.__name__}: {name}", values[name], most, least)
         return values, body[cls.FIELDS.size :]
 
     @classmethod
@@ -142,12 +141,9 @@ class Proposal(QkdMessage):
     chsh_margin: float  # by which S has to be above 2
 
     def check(self) -> None:
-        if not 0 <= self.chsh_fraction < 1:
-            raise MalformedPacket(f"Proposal: chsh_fraction {self.chsh_fraction} is not 0 to 1")
-        if not 0 <= self.chsh_margin < 1:
-            raise MalformedPacket(f"Proposal: chsh_margin {self.chsh_margin} is not 0 to 1")
-        if not 0 <= self.multi_photon < 1:
-            raise MalformedPacket(f"Proposal: multi_photon {self.multi_photon} is not 0 to 1")
+        for name in ("chsh_fraction", "chsh_margin", "multi_photon"):
+            if not 0 <= (value := getattr(self, name)) < 1:
+                raise MalformedPacket(f"Proposal: {name} {value} is not 0 to 1")
         fractions = self.test_fraction, self.max_qber, self.eps_sec, self.eps_cor
         if not all(0 < fraction < 1 for fraction in fractions):
             raise MalformedPacket(f"Proposal: {fractions} are not all between 0 and 1")
@@ -416,22 +412,8 @@ class BellAnswer(QkdMessage):
 KINDS: dict[int, type[QkdMessage]] = {
     kind.KIND: kind
     for kind in (
-        Proposal,
-        Detections,
-        Sifted,
-        Sample,
-        Disclosed,
-        Parities,
-        AskBlocks,
-        AskIntervals,
-        AskSyndrome,
-        Verify,
-        Amplify,
-        Confirm,
-        Abort,
-        Intensities,
-        BellTest,
-        BellAnswer,
+        *(Proposal, Detections, Sifted, Sample, Disclosed, Parities, AskBlocks, AskIntervals),
+        *(AskSyndrome, Verify, Amplify, Confirm, Abort, Intensities, BellTest, BellAnswer),
     )
 }
 
@@ -489,10 +471,6 @@ def unframe(data: bytes) -> Sealed:
         raise MalformedPacket(f"{len(data)} bytes where the header says {length}")
     _magic, _version, kind, _length, session, sequence = HEADER.unpack_from(data)
     return Sealed(session, sequence, kind, data[:-TAG_BYTES], data[-TAG_BYTES:])
-
-
-def _ones(bits: bytes) -> int:
-    return int.from_bytes(bits, "big").bit_count()
 
 
 def _bytes_for(bits: int) -> int:
