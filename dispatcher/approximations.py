@@ -34,8 +34,6 @@ FREE_WAIT = "light waits for its host, which cannot keep it, in a fibre without 
 
 @dataclass(frozen=True)
 class Approximations:
-    """Names with sizes."""
-
     sizes: Mapping[str, float] = field(default_factory=lambda: NOTHING)
 
     def __bool__(self) -> bool:

@@ -28,5 +28,4 @@ def exhausted(message: str) -> Refusal:
 
 
 def precondition(message: str) -> Refusal:
-    """Return the refusal of what cannot be done as things are."""
     return Refusal(grpc.StatusCode.FAILED_PRECONDITION, message)

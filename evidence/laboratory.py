@@ -66,7 +66,6 @@ class Laboratory:
         self.table = RequestTable(self.layer, self._errors.append)
 
     def host(self, name: str) -> "LaboratoryHost":
-        """Return the host of this name; it need not have fibres."""
         return LaboratoryHost(self, name)
 
     async def connect(self, switch: str, connections: dict[int, int]) -> None:

@@ -26,7 +26,6 @@ class NetworkLoop(uvloop.Loop):
     """An event loop whose seconds are those of the network."""
 
     def __init__(self, network_time: NetworkTime) -> None:
-        """Begin to count the time of the network."""
         super().__init__()
         self.network_time = network_time
 
@@ -82,12 +81,10 @@ async def retry_pause(seconds: float, most_s: float) -> None:
 
 
 async def wall_sleep(seconds: float) -> None:
-    """Pause for seconds of the wall clock."""
     await _sleep(_wall_call_later, seconds)
 
 
 async def background_sleep(seconds: float) -> None:
-    """Pause in the background."""
     await _sleep(_background_call_later, seconds)
 
 

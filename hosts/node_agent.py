@@ -47,8 +47,6 @@ UNASKED_AFTER = 3  # periods without a request: report, so that a new controller
 
 
 class NodeAgent(asyncio.DatagramProtocol):
-    """Speaks for one device."""
-
     def __init__(
         self,
         config: HostConfig,

@@ -108,7 +108,6 @@ class PeerShares:
         self._users = LocalUsers()
 
     def admits(self, connection: socket.socket, address: Any) -> bool:
-        """Return whether there is room for a connection; count it if so."""
         peer = peer_of(address, self._users)
         if peer in (f"user {ROOT}", f"user {os.geteuid()}"):
             return True

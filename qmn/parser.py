@@ -157,7 +157,6 @@ class Parser(argparse.ArgumentParser):
             check_choice(name_of(action), str(value), choices, self._refused)
 
     def _get_value(self, action: argparse.Action, text: str) -> Any:
-        """Read a value; say what it is to be."""
         try:
             if action.type is int or action.type is float:
                 unit = unit_of(action.dest, str(action.metavar))

@@ -33,7 +33,6 @@ class PrintableOutput(io.TextIOWrapper):
     """A standard stream that writes printable text alone."""
 
     def write(self, text: str, /) -> int:
-        """Write a text; return its length."""
         super().write(printable(text))
         return len(text)
 

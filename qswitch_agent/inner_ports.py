@@ -15,8 +15,6 @@ IDEAL = Device()
 
 
 class InnerPorts:
-    """All of one switch."""
-
     def __init__(
         self,
         ports: Mapping[int, InnerPort],

@@ -120,7 +120,6 @@ class LightPaths:
 
     @property
     def standing(self) -> frozenset[CrossConnect]:
-        """The cross-connects that the hardware has made."""
         return self._standing
 
     def update(self, updates: Iterable[FlowUpdate]) -> None:

@@ -20,7 +20,6 @@ from wire.analyser_frames import AnalyserFrame, Emission
 
 class MeasuredHardware:
     def __init__(self, hardware: OpticalHardware) -> None:
-        """Keep the metrics of this hardware in `registry`."""
         self._hardware = hardware
         self.registry = CollectorRegistry()
         self._seconds = Histogram(

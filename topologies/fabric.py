@@ -100,7 +100,6 @@ class FabricTopo(QuantumTopo):
         return self._devices.get(name, self._device)
 
     def add_host(self, name: str, address: str, **params: object) -> None:
-        """Add a host with copper to s1."""
         ip, device = f"{address}/{self._network.prefixlen}", self.device_of(name)
         self.addHost(
             name, cls=QuantumHost, ip=ip, **{"device": device, "light": self._light, **params}

@@ -75,7 +75,6 @@ class MapTopo(FabricTopo):
         distances: Distances,
         switches: dict[str, str],
     ) -> dict[str, str]:
-        """Add a pair source at each of these places, or at the centre; return which is where."""
         at = [place.name for place in places]
         at = at or [str(centre(distances, [place.name for place in read.places]))]
         sources = {place: f"{SOURCE}{n if len(at) > 1 else ''}" for n, place in enumerate(at, 1)}

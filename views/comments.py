@@ -38,7 +38,6 @@ def _own(kind: type) -> dict[str, str]:
 
 
 def _by_line(source: str) -> dict[int, tuple[int, str]]:
-    """Return where each comment begins in its line, and its text."""
     tokens = tokenize.generate_tokens(io.StringIO(source).readline)
     lines = source.splitlines()
     return {
@@ -88,7 +87,6 @@ def by_name(name: str, of: str = MESSAGES) -> str:
 
 
 def dataclasses_in(kind: Any) -> dict[str, type]:
-    """Return all dataclasses that a type is made of, by name."""
     classes: dict[str, type] = {}
     left = [kind]
     while left:

@@ -7,8 +7,6 @@ from typing import Any
 
 @dataclass(frozen=True)
 class KeyLink:
-    """A link as one of its ends tells it."""
-
     from_: str
     to: str
     keys_ready: int  # at this end

@@ -157,7 +157,6 @@ def _outcomes(packed: bytes, count: int, allowed: bytes) -> bytes:
 
 
 def frames_of(report: AnalyserFrame) -> Iterator[AnalyserFrame]:
-    """Yield the frames of a whole block."""
     for first in range(0, max(len(report.outcomes), 1), MOST_OUTCOMES):
         outcomes = report.outcomes[first : first + MOST_OUTCOMES]
         yield replace(report, first=first, outcomes=outcomes)

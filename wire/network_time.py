@@ -80,13 +80,11 @@ class NetworkTime:
         return seconds
 
     def network_ns(self, wall_ns: int) -> int:
-        """Return what the clock of the network says at a time of the wall clock."""
         if self.scale == 1:
             return wall_ns
         return self.since_ns + round((wall_ns - self.since_ns) / self.scale)
 
     def wall_ns(self, network_ns: int) -> int:
-        """Return what the wall clock says at a time of the network."""
         if self.scale == 1:
             return network_ns
         return self.since_ns + round((network_ns - self.since_ns) * self.scale)

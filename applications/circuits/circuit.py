@@ -80,8 +80,6 @@ class Reset:
 
 @dataclass(frozen=True, slots=True)
 class Barrier:
-    """Nothing to a simulation."""
-
     qubits: tuple[int, ...]
 
 

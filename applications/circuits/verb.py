@@ -33,8 +33,6 @@ LIMITS = (
 
 @dataclass(frozen=True)
 class CircuitRun:
-    """A circuit to run, and how."""
-
     file: str
     shots: int = option(1000, "how often (1000)", metavar="N")
     seed: int = option(1, "of all randomness (1)", metavar="N")

@@ -39,8 +39,6 @@ def lit(graph: Graph, layer: int, place: int) -> tuple[bool, bool]:
 
 @dataclass
 class Fusion:
-    """The halves of one host."""
-
     graph: Graph
     place: int
     side: Side

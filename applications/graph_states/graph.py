@@ -49,7 +49,6 @@ class Graph:
     hub: int = 0  # 0: none; the first host has a part in the state
 
     def __post_init__(self) -> None:
-        """Check that it is one."""
         if not LEAST_HOSTS <= self.hosts <= MOST_HOSTS:
             raise ValueError(f"{self.hosts} hosts, of {LEAST_HOSTS} to {MOST_HOSTS}")
         if any(not 0 <= a < b < self.hosts for a, b in self.edges):

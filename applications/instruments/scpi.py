@@ -48,8 +48,6 @@ Answer = TypeVar("Answer")
 
 
 class MatrixPort(NamedTuple):
-    """The numbers of one fibre port at the instrument."""
-
     ingress: int  # for light that comes from the fibre
     egress: int  # for light that goes into it
 

@@ -82,7 +82,6 @@ async def make_key(
     *,
     relayed: bool = False,
 ) -> None:
-    """Make keys of this light, by these parameters, or whose pulses are decoys."""
     host, peer = keyring_of(end.resources).host, end.arrangement.peer
     progress = Progress(now_s(), max_qber=parameters.max_qber)
 

@@ -159,7 +159,6 @@ class KeyDelivery:
         return host
 
     def _grouped(self, slaves: Sequence[str]) -> dict[str, list[str]]:
-        """Return slaves by host, in their order."""
         if len(set(slaves)) < len(slaves):
             raise bad_request("a slave SAE is named twice")
         hosts: dict[str, list[str]] = {}

@@ -135,7 +135,6 @@ def watch(
 
 
 def introduce(console: Console, managers: KeyManagers) -> None:
-    """Say where keys are to be had, and how."""
     for host, url in managers.urls.items():
         console.print(f"{host}: {url}/api/v1/keys/..., as {application_name(host)}")
     console.print(f"certificates: {managers.authority.parent}", soft_wrap=True)

@@ -99,7 +99,6 @@ def decode_key_ids(body: bytes) -> tuple[UUID, ...]:
 
 
 def encode_request(request: KeyRequest) -> bytes:
-    """Return the body of a request that has no extensions."""
     fields: dict[str, Any] = {"number": request.number}
     if request.size is not None:
         fields["size"] = request.size

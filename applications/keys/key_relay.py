@@ -51,7 +51,6 @@ class Relay:
         return tuple(hop.node for hop in self.hops)
 
     def encode(self) -> bytes:
-        """Return the text that the tag is of."""
         return json.dumps(
             {
                 "master_SAE_ID": self.master,
@@ -106,7 +105,6 @@ class Relay:
 
 
 def encode_sealed(text: bytes, tag: bytes) -> bytes:
-    """Return the body: a text and its tag."""
     return json.dumps({"message": text.decode(), "tag": _base64(tag)}).encode()
 
 

@@ -10,8 +10,6 @@ NOT_SUPPORTED = "not all extension_mandatory parameters are supported"
 
 
 class Refused(Exception):
-    """A request that gets no keys."""
-
     def __init__(
         self, status: int, message: str, details: Sequence[Mapping[str, Any]] = ()
     ) -> None:
@@ -20,7 +18,6 @@ class Refused(Exception):
 
 
 def bad_request(message: str, details: Sequence[Mapping[str, Any]] = ()) -> Refused:
-    """Return the refusal of what cannot be asked."""
     return Refused(BAD_REQUEST, message, details)
 
 

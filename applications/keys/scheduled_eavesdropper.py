@@ -57,7 +57,6 @@ class ScheduledEavesdropper:
         return self._since_s + self._stays_s if self._is_there else self._options.at
 
     def look(self, network: Network, series: TimeSeries) -> None:
-        """Do what it is time for."""
         if self._gone:
             return
         if self._eve is None:

@@ -52,7 +52,6 @@ async def _done(reader: asyncio.StreamReader) -> dict[str, Any]:
 
 
 async def _outcome(reader: asyncio.StreamReader) -> Outcome:
-    """Return what becomes of a session that has begun."""
     qber = None
     while True:
         call, fields = await _read(reader)

@@ -17,8 +17,6 @@ MOST_VOID = 4096  # ids that another manager has yet to throw away
 
 
 class StoredKeys:
-    """The stores with all other hosts."""
-
     def __init__(self, config: KeyManagerConfig) -> None:
         """Open the stores; KeyStoreError if one cannot be."""
         others = [host for host in config.hosts if host != config.host]

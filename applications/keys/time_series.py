@@ -92,7 +92,6 @@ def summary(series: Iterable[Moment], elapsed_s: float) -> StoredKeyFigures:
 
 
 def words(happened: Moment) -> str:
-    """Return a moment as people read it."""
     host = f"{happened.host}: " if happened.host else ""
     shown = {"at", "host", "event", "text", "opened", "withheld"}
     rest = ", ".join(

@@ -15,8 +15,6 @@ from wire.network_time import REAL_TIME, NetworkTime, SteppedTime
 
 
 class _Waits(threading.local):
-    """The waits of each thread, by the time that the process counts."""
-
     time: NetworkTime = REAL_TIME
 
     @property

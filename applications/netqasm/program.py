@@ -45,7 +45,6 @@ def load(folder: Path, role: str) -> Main:
 
 
 def begin(main: Main, role: str, host: str, inputs: dict[str, Any], logs: Path) -> Any:
-    """Run a program once; return what it returns."""
     log_config = LogConfig(log_subroutines_dir=str(logs), comm_log_dir=str(logs))
     config = AppConfig(role, host, main, log_config, inputs)
     return main(app_config=config, **inputs)

@@ -14,8 +14,6 @@ SOCKET = -1  # programs number theirs from 0
 
 
 class RoundEnd:
-    """Of one role, round after round."""
-
     def __init__(self, others: Collection[str], join: Callable[[str], Socket]) -> None:
         self._others, self._join = others, join
         self._sockets: list[Socket] = []

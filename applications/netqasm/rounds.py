@@ -62,7 +62,6 @@ def _rounds(
     num_rounds: int,
     on_round: Callable[[int], None],
 ) -> Iterator[dict[str, Any]]:
-    """Yield what the programs return, by their party, for each round."""
     with ThreadPoolExecutor(len(programs)) as pool:
         for number in range(num_rounds):
             playing = {program.party: pool.submit(play, program) for program in programs}

@@ -71,8 +71,6 @@ class ReturnedArray(NamedTuple):
 
 
 class ReturnedRegister(NamedTuple):
-    """The content of a register."""
-
     register: int
     value: int
 

@@ -51,8 +51,6 @@ class RandomBasis(IntEnum):
 
 @dataclass(frozen=True)
 class Measuring:
-    """How one end of pairs is measured."""
-
     bases: RandomBasis = RandomBasis.NONE
     rotations: tuple[int, int, int] = (0, 0, 0)  # in units of pi/16
     axes: int = 0  # of the three rotations: XYX, YZY, ZXZ

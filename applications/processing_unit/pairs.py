@@ -81,7 +81,6 @@ class Arriving:
         self.ended.set()
 
     async def fail(self, error: BaseException) -> None:
-        """Hand on why there are no pairs."""
         if not self.blocks.done():
             cause = error if isinstance(error, SessionError | HardwareError) else None
             self.blocks.set_exception(cause or SessionError(Reason.PROTOCOL, "the unit has ended"))

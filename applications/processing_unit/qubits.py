@@ -155,7 +155,6 @@ class Qubits:
         self._operations.append(Operation(kind, block, **words))  # type: ignore[arg-type]
 
     def _last(self, block: BlockName) -> Kind | None:
-        """Return what is to be done last of all, if it is to this qubit."""
         if self._operations and self._operations[-1].block == block:
             return self._operations[-1].kind
         return None

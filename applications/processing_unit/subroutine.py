@@ -101,7 +101,6 @@ class Subroutine(NamedTuple):
 
 
 def register_name(number: int) -> str:
-    """Return R0 to M15."""
     bank, index = divmod(number, REGISTERS_IN_A_BANK)
     return f"{REGISTER_BANKS[bank]}{index}"
 

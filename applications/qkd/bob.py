@@ -58,7 +58,6 @@ class Bob(End):
         self.state = State.OPENING
 
     def add_block(self, record: Announced) -> list[bytes]:
-        """Announce what was detected of the next block."""
         if self.state is State.ABORTED:
             return []
         if self.state not in (State.OPENING, State.SIFTING):

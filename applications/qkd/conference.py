@@ -87,7 +87,6 @@ def code_seed(terms: ConferenceProposal) -> bytes:
 
 
 def proved(key: Bits, hash_key: bytes) -> bytes:
-    """Return the key of a hash, and the hash of corrected bits by it."""
     return hash_key + key_tag(key, hash_key)
 
 
@@ -221,8 +220,6 @@ class Leader:
 
 
 class Member:
-    """Another end."""
-
     def __init__(self, terms: ConferenceProposal, name: str, pools: Pools) -> None:
         """Begin; pools: with the leader."""
         self.terms = terms

@@ -30,7 +30,6 @@ class NothingShared(Exception):
 
 
 def keyring_of(resources: HostResources) -> "Keyring":
-    """Return the keyring of a host: one for all of its sessions."""
     if KEYRING not in resources.shared:
         secrets = PairSecrets(resources.name, resources.pair_secrets, resources.addresses)
         resources.shared[KEYRING] = Keyring(resources.name, secrets, resources.keys)

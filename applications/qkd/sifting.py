@@ -54,7 +54,6 @@ class Record:
         return np.flatnonzero(self.outcomes != NO_CLICK)
 
     def of(self, photons: Indices) -> "Record":
-        """Return what is known of these photons."""
         levels = None if self.levels is None else self.levels[photons]
         return Record(self.bases[photons], self.outcomes[photons], levels)
 

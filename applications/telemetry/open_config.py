@@ -119,8 +119,6 @@ class Fiber:
 
 @dataclass(frozen=True)
 class Observed:
-    """A switch at one moment."""
-
     name: str
     fibers: Mapping[int, Fiber]  # by OpenFlow port number
     readings: Readings

@@ -202,7 +202,6 @@ class Telemetry(gNMIServicer):  # type: ignore[misc]
                 yield response
 
     async def _all(self, followed: list[Followed], subscriptions: Any) -> AsyncIterator[Any]:
-        """Tell all that there is, and that this was all."""
         for response in await self._due(followed, subscriptions.encoding, everything=True):
             if not subscriptions.updates_only:
                 yield response

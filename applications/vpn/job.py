@@ -219,7 +219,6 @@ def hindrance(series: Sequence[Moment], until_s: float) -> str:
 
 
 def counted(noted: TimeSeries, moved: MovedFile, file: Path) -> TunnelFigures:
-    """Return what the run came to."""
     elapsed_s = noted.now_s
     handshakes = [each.seconds for each in noted.all if isinstance(each, HandshakeMoment)]
     arrived = moved.output.exists() and not moved.download.running

@@ -51,8 +51,6 @@ class RunningTunnel:
 
 @dataclass(frozen=True)
 class MovedFile:
-    """A file on its way."""
-
     server: Program
     download: Program
     output: Path

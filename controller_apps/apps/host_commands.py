@@ -39,8 +39,6 @@ class EventAlarm(Event):
 
 
 class EventMonitorOver(Event):
-    """A link monitor that a host has opened is over."""
-
     def __init__(self, host: str, address: str, report: DeviceReport) -> None:
         super().__init__()
         self.host, self.address, self.report = host, address, report

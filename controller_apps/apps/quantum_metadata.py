@@ -178,7 +178,6 @@ class QuantumMetadata(App):
     # Actions
 
     def _actions(self) -> dict[type[Action], Callable[[Any], None]]:
-        """Return how each action is performed that is not for a switch."""
         return {
             Note: self._note,
             Drop: self.journal.drop,

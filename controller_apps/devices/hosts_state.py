@@ -70,8 +70,6 @@ class Report:
 
 @dataclass
 class Hosts:
-    """All hosts that have a device key."""
-
     keys: dict[str, str]  # by host name
     wanted: dict[str, DeviceSettings] = field(default_factory=dict)  # overrides, by host name
     reporting: Reporting = field(default_factory=Reporting)

@@ -101,7 +101,6 @@ class Kept(Generic[Key, Value]):
     _known: dict[Key, Value] = field(default_factory=dict)
 
     def found(self, state: object, key: Key, find: Callable[[], Value]) -> Value:
-        """Return what is known by this key, found out if it has not been in this state."""
         if self._state != state or (len(self._known) >= self.most and key not in self._known):
             self._state = state
             self._known.clear()

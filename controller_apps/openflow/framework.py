@@ -117,8 +117,6 @@ class App(_App):
     """
 
     def register_handler(self, event_class: Any, handler: Any) -> None:
-        """Take a handler in; called by the framework."""
-
         @wraps(handler)
         def guarded(event: Any) -> None:
             with EndOnFault(self.name):

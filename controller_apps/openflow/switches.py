@@ -97,7 +97,6 @@ def _add(hop: Hop, session: int, xid: int) -> bytes:
 
 
 def _delete(hop: Hop, session: int, xid: int) -> bytes:
-    """Delete one hop of a session, not what has taken its place."""
     fixed = _flow_mod(
         session, ALL_BITS, ofproto.OFPFC_DELETE_STRICT, hop.out_port, ofproto.OFPG_ANY
     )

@@ -23,8 +23,6 @@ Symbols = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Half:
-    """The part of pairs that is at one end."""
-
     port: int  # of the memory; of a host 1 for the opener, 2 for the acceptor
     number: int  # of the block there
     pulses: int  # for which the block has places now
@@ -64,7 +62,6 @@ class Pairs:
         return int(self.seen.size)
 
     def joined(self, right: "Pairs", outcomes: Symbols, rounds: int) -> "Pairs":
-        """Return what a swap makes of these and of pairs to their right."""
         size = min(self.size, right.size, outcomes.size)
         every, outcomes = np.ones(size, bool), outcomes[:size]
         seen = self.seen[:size] & right.seen[:size] & (outcomes != NO_COINCIDENCE)

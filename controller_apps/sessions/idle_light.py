@@ -45,8 +45,6 @@ class Begun:
 
 @dataclass
 class WhyNot:
-    """Why a way is not watched."""
-
     text: str
     since: float
     noted: bool = False

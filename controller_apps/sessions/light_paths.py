@@ -33,8 +33,6 @@ from wire.analyser_frames import frames_of, group_of
 
 @dataclass
 class Move:
-    """A session on its way to other paths."""
-
     session: int
     started: float
     waiting: set[int]  # switches that owe a barrier reply
@@ -42,8 +40,6 @@ class Move:
 
 @dataclass
 class Light:
-    """The paths of all sessions, and the transactions that change them."""
-
     network: Network
     sessions: Sessions
     budget_mdb: int
@@ -54,7 +50,6 @@ class Light:
     def open(
         self, request: Request, session: Session, paths: tuple[LightPath, ...]
     ) -> list[Action]:
-        """Open paths for a request, which then waits for the switches."""
         hops = tuple(hop for path in paths for hop in path.hops)
         # An earlier connection of the session may still keep its path: it is handed over.
         stale = self.close(session) if session.hops != hops else []
@@ -185,7 +180,6 @@ class Light:
         return [Note("moved", move.session, (now - move.started) * 1000)]
 
     def switch_left(self, dpid: int) -> None:
-        """Wait no longer for a switch."""
         for move in self.moves.values():
             move.waiting.discard(dpid)
         self._forget_moves(lambda move: not move.waiting)

@@ -112,7 +112,6 @@ class LightQueue:
         return self._preempt(request, now)
 
     def find(self, request: Request) -> Admission:
-        """Return the light of a request that waits, and note what is in its way."""
         self.sessions.obstacles.clear()
         admission = self.terms.find_light(request.setup, request.five_tuple, self.sessions)
         request.obstacles = frozenset(self.sessions.obstacles)

@@ -83,7 +83,6 @@ class Preempted:
     _since: dict[int, float] = field(default_factory=dict)  # by session
 
     def holders(self, request: Request) -> list[Session]:
-        """Return the link monitors that have light which a request waits for."""
         occupied = self.sessions.occupied
         # A monitor that has only the other direction is in the way by its tuning.
         numbers = {occupied.get(path, occupied.get(path.opposite)) for path in request.obstacles}

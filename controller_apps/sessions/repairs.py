@@ -112,7 +112,6 @@ class Repairs:
         return moved or []
 
     def switch_refused(self, transaction: int, now: float) -> list[Action]:
-        """Refuse the request, or end the session, of a transaction that a switch has refused."""
         request = self.sessions.held.get(transaction)
         if request is not None:
             session = self.sessions.of(request)

@@ -30,8 +30,6 @@ Find = Callable[[Request, Sessions], Admission]
 
 @dataclass(frozen=True)
 class Reserved:
-    """The slot of a request, and the paths that it has then."""
-
     slot: int
     paths: tuple[LightPath, ...]
     block_pairs: int

@@ -31,7 +31,6 @@ class Emission(NamedTuple):
 
     @property
     def exact(self) -> bool:
-        """Whether that is what the physics does."""
         return not self.approximations
 
 

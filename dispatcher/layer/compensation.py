@@ -68,8 +68,6 @@ class Intervals:
 
 
 class Setting(NamedTuple):
-    """The setting of retarders by one look."""
-
     retardances: Settings
     from_ns: int  # when they have moved
     turn: Quaternions
@@ -193,7 +191,6 @@ def _latest(looks_ns: Times, first_ns: int) -> Times:
 
 
 def every_look(looks: Mapping[str, Times]) -> Times:
-    """Return the looks of all nodes, ascending."""
     return np.unique(np.concatenate([np.zeros(0, np.int64), *looks.values()]))
 
 

@@ -149,7 +149,6 @@ class Memories:
         return f"{detail}, not stored"
 
     def has_waited(self, block: Block, asked_ns: int) -> bool:
-        """Return whether a wait until a block was asked for does something to it."""
         if self._keeps(block):
             return False
         return _waits(block, asked_ns or self._clock.now_ns(), 0.0).longest_s > 0

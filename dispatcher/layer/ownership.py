@@ -116,7 +116,6 @@ class Pulses:
 
     @property
     def exact(self) -> bool:
-        """Whether there was none."""
         return not self.approximations
 
 
@@ -237,7 +236,6 @@ class Ownership:
         self.makers.add(block.maker, block.name, block.places)
 
     def change(self, block: Block, register: Register, weak: WeakPulses | None = None) -> None:
-        """Let a block be this register, or weak pulses, instead of what it was."""
         before = block.places
         block.register, block.weak = register, weak
         more = block.places - before

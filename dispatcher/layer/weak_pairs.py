@@ -93,8 +93,6 @@ class Pairs:
 
 @dataclass(eq=False, slots=True, kw_only=True)
 class WeakHalf(WeakPulses):
-    """One half of the pairs of a block."""
-
     pairs: Pairs
     half: int
 

@@ -54,7 +54,6 @@ class ArrayChoices:
 
     @property
     def places(self) -> int:
-        """How many of them are kept."""
         return self.count
 
     def states(self, at: Pulses) -> Bytes:
@@ -154,7 +153,6 @@ class WeakPulses(ABC):
         return PhotonsByKey.of(self.random, pulses).normal("jitter") * self.jitter_ps
 
     def draws(self, photons: Photons, random: PhotonRandom) -> PhotonDraws:
-        """Return what photons draw for a measurement."""
         by_key = PhotonsByKey.of(random, photons.keys)
         return PhotonDraws(
             lambda: (by_key.uniform("bit") < 0.5).astype(np.uint8),

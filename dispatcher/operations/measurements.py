@@ -215,7 +215,6 @@ class Measurements:
     def bell_measure_blocks(
         self, node: str, first: Block, second: Block, packed: bool = False
     ) -> Feedback:
-        """Do what `bell_measure` does with two blocks that are at the node."""
         layer = self._layer
         obstacle = weak_bell.obstacle(layer, node, first, second)
         if obstacle is not None:

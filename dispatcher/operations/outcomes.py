@@ -95,5 +95,4 @@ def outcome(outcomes: Bytes, names: tuple[str, ...], position: int) -> str:
 
 
 def basis_and_outcome(bases: Bytes, outcomes: Bytes, position: int) -> str:
-    """Return in which basis one photon was measured, and the outcome."""
     return f"{BASES[bases[position]]} {outcome(outcomes, ('0', '1'), position)}"

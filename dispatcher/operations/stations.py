@@ -98,7 +98,6 @@ class Stations:
         await self.attempt(node, attempt)
 
     def forget(self, node: str, session: int) -> None:
-        """Forget what a node attempts in a session that it discards."""
         for queue in self._waiting.values():
             for request in list(queue):
                 if (request.offer.end.node, request.offer.name.session) == (node, session):

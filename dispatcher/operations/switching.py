@@ -99,8 +99,6 @@ def statistics(
 
 
 class Emission:
-    """The pair sources of switches."""
-
     def __init__(
         self,
         layer: PhysicalLayer,
@@ -109,7 +107,6 @@ class Emission:
         attempt: Callable[[EmitRequest], Awaitable[None]],
         tasks: Tasks,
     ) -> None:
-        """Call `attempt` for memories."""
         self._attempt, self._begin = attempt, tasks.begin
         self._sources = layer.network.parts[Kind.SOURCE]
         self._switches = layer.network.switches

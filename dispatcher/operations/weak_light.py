@@ -61,7 +61,6 @@ def is_weak(source: PairSource) -> bool:
 
 
 def emitted(block: Block, source: PairSource, choices: Choices, draws: Source) -> WeakPulses:
-    """Return the light of a laser in a new block."""
     random = PhotonRandom(draws, block.name, block.draws_for("source"), choices.count)
     light = laser_pulses(source.intensities, choices, random)
     light.jitter_ps = source.jitter_ps

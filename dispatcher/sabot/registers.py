@@ -90,8 +90,6 @@ class Share:
 
 @dataclass(eq=False, slots=True)
 class Component:
-    """One state for each of its members."""
-
     state: Backend
     shares: list[Share]  # in the order of the state's qubits
 

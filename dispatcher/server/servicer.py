@@ -34,8 +34,6 @@ LIGHT = "receive"  # the kind of a step that waits for light
 
 
 class Orders:
-    """One call of Perform."""
-
     def __init__(self, act: Act, write: Write, settled: Settled) -> None:
         """Do each step by `act`, answer by `write`; `settled`: light that is due has come."""
         self._act = act

@@ -37,7 +37,6 @@ def sent_count(output: str) -> int:
 
 
 def settled(network: Network, count: Callable[[], int]) -> int:
-    """Return a count that has stayed what it is for a while."""
     last, since = count(), time.monotonic()
     deadline = since + ATTACK_TIMEOUT_S
     while time.monotonic() - since < QUIET_S and time.monotonic() < deadline:

@@ -92,7 +92,6 @@ def beside_baselines(network: Network, count: int) -> tuple[Times, Times, Times]
 
 
 def parts(count: int, rounds: int) -> list[int]:
-    """Divide a count into rounds, each of one at least."""
     return [max(1, (count + number) // rounds) for number in range(rounds)]
 
 

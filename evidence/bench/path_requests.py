@@ -104,7 +104,6 @@ def wait_until_closed(openings: Openings, before: int) -> None:
 
 
 def requests(count: int, receiver: str, source: str, openings: Openings) -> float:
-    """Open and close `count` paths; return the seconds of all."""
     first = time.time_ns()  # sessions that nobody else has
     took_ns = 0
     for place in range(first, first + count):

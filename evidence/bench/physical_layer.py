@@ -76,7 +76,6 @@ class Case:
     switch: QuantumSwitch = field(default_factory=lambda: QuantumSwitch("q1"))
 
     def configuration(self) -> DispatcherConfig:
-        """Return it without sockets."""
         fibers = [
             Fiber.joining(
                 FiberEnd(port.partition("-")[0], port), FiberEnd("q1", str(number)), self.fiber

@@ -58,7 +58,6 @@ class Host:
 
     @property
     def address(self) -> str:
-        """Return its IPv4 address."""
         return str(IPv4Address("10.0.0.0") + self.number)
 
     @property
@@ -106,7 +105,6 @@ class Switch:
         return encode(ofp.OFPT_PACKET_IN, 0, fixed + match + bytes(2) + frame)
 
     def send(self, *messages: bytes) -> None:
-        """Send messages at once."""
         self._writer.write(b"".join(messages))
 
     def close(self) -> None:
@@ -190,8 +188,6 @@ def segment(
 
 
 class PlayedNetwork:
-    """Both switches, and the hosts at them."""
-
     def __init__(self, hosts: list[Host]) -> None:
         """Each two of them are opener and acceptor."""
         self.hosts = hosts

@@ -123,8 +123,6 @@ def _result(future: Future[Measured], place: str) -> Measured:
 
 
 class _Workers:
-    """Notices when there are no workers."""
-
     def __init__(self, client: Client) -> None:
         self._client = client
         self.seen()

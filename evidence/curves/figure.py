@@ -55,8 +55,6 @@ class Limit(NamedTuple):
 
 @dataclass(frozen=True)
 class Picture:
-    """The content of one figure."""
-
     title: str
     x: Parameter
     x_label: str

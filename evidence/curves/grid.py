@@ -25,7 +25,6 @@ class Grid:
     axes: dict[str, list[Value]]
 
     def points(self) -> Iterator[Values]:
-        """Yield all values of each point, in order."""
         for combination in product(*self.axes.values()):
             yield self.experiment.complete(dict(zip(self.axes, combination, strict=True)))
 

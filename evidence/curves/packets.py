@@ -37,8 +37,6 @@ GRID_PM = 200  # between the wavelengths of applications, each of which has one 
 
 @dataclass(frozen=True)
 class Pairs:
-    """How pairs are made, and what a packet is."""
-
     trials: int = 1000  # of each link in a slot
     made: float = 1e-3  # chance of a trial
     swapped: float = 0.6  # chance of a swap
@@ -194,8 +192,6 @@ class Requests:
 
 @dataclass(frozen=True)
 class Drawn:
-    """Applications that are drawn, and what they ask for."""
-
     count: int
     seed: int  # as their program has it
     packets: int  # of each that are wanted

@@ -16,7 +16,6 @@ from evidence.curves.table import Table
 
 
 def missing(grid: Grid, seed: int, table: Table) -> list[Values]:
-    """Return the points that are not in the table."""
     return [values for values in grid.points() if table.get(values, seed) is None]
 
 

@@ -41,8 +41,6 @@ class Curve:
 
 @dataclass(frozen=True)
 class Sheet:
-    """A grid and its curves."""
-
     name: str
     experiment: str
     axes: dict[str, object]

@@ -138,7 +138,6 @@ def _misses(detectors: Detectors, arrives: tuple[float, float], error: float) ->
 
 
 def _exactly(clicking: Detectors, dark: Callable[[Detectors], float]) -> float:
-    """Return the probability that these detectors click and no other."""
     rest = frozenset(product((0, 1), (0, 1))) - clicking
     probability = 0.0
     for count in range(len(clicking) + 1):

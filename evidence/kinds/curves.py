@@ -43,8 +43,6 @@ PUBLISHED = "published"  # as a sheet's name: what papers state
 
 @dataclass(frozen=True)
 class CurvesOptions:
-    """Which sheets to measure, and where."""
-
     out: Path = option(Path("curves"), "(curves)", metavar="FOLDER")
     seed: int = option(1, "of all randomness (1)")
     workers: int | None = option(None, "processes (as many as processors)", metavar="N")

@@ -19,8 +19,6 @@ from wire.parameters.option import option
 
 @dataclass(frozen=True, kw_only=True)
 class DemoOptions(LiveOptions):
-    """Where a demo leaves its figures."""
-
     seed: int = option(1, "of all randomness (1)")
     out: Path = option(Path("demos"), "(demos)", metavar="FOLDER")
 

@@ -36,8 +36,6 @@ GOES_ON = "the same command with --resume goes on where this one ended"
 
 @dataclass(frozen=True, kw_only=True)
 class LabOptions(LiveOptions):
-    """Which labs, and where what they leave goes."""
-
     names: tuple[str, ...] = ()
     all: bool = option(False, "every lab that there is")
     resume: bool = option(False, "do no run again that has gone well in the newest folder of a lab")
@@ -196,7 +194,6 @@ def all_runs(
     check: Callable[[], None],
     tell: Sequence[Callable[..., object]],
 ) -> dict[str, Run]:
-    """Do the runs of a lab that its folder does not have; return all."""
     begins, ended = tell
     runs: dict[str, Run] = {}
     with runs_done.opened(folder, lab, seed) as done:

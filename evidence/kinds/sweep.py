@@ -67,8 +67,6 @@ examples:
 
 @dataclass(frozen=True, kw_only=True)
 class SweepOptions(LiveOptions):
-    """The experiment to sweep, and where it is measured."""
-
     what: str  # an experiment, or a file that names one
     axes: Mapping[str, str]  # values of parameters, by name, as the user says them
     emulate: bool = option(

@@ -32,7 +32,6 @@ class RunsDone:
 
     @property
     def missing(self) -> list[str]:
-        """The runs that are not in it."""
         return [run for run in self._lab.runs if run not in self._known]
 
     def get(self, run: str) -> Run | None:

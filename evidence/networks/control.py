@@ -78,8 +78,6 @@ def begin_requests(network: QuantumNetwork, requesters: int) -> None:
 
 @dataclass(frozen=True)
 class Round:
-    """The outcome of a round."""
-
     pairs: str  # session of those that wait
     link: str  # session of the next link
     asked_ns: int  # when it was asked for

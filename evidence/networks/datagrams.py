@@ -51,7 +51,6 @@ def hear(clock: SteppedTime) -> None:
 
 
 def say(clock: SteppedTime, address: str, per_s: float, frame_bytes: int, seed: int) -> None:
-    """Send datagrams for ever, each at its time."""
     padding = bytes(frame_bytes - HEADERS_BYTES - SENT_NS.size)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as saying, NetworkWaits(clock) as waits:
         saying.connect((address, PORT))

@@ -58,7 +58,6 @@ class JobSweep(Experiment):
         return "-".join((self.name, *(self.names or ["network"])))
 
     def groups(self, points: Sequence[Values]) -> Iterator[list[Values]]:
-        """Yield points that share a network, in order."""
         if self.name in run_sweep.WHAT:
             yield from ([values] for values in points)
             return
@@ -72,7 +71,6 @@ class JobSweep(Experiment):
 
 
 def is_at_start(name: str) -> bool:
-    """Return whether a network has to be started for each value of an axis."""
     if "." not in name:
         return FLAGS.get(name, name) in AT_START
     part, _dot, setting = setting_of(name).name.partition(".")
@@ -223,7 +221,6 @@ def _of_default(name: str, default: object, limits: Any = None) -> Parameter:
 
 
 def options_of(job: str, values: Values, seed: int) -> dict[str, Any]:
-    """Return the options of a job in a network, as a script gives them."""
     options: dict[str, Any] = {"seed": seed}
     if job not in run_sweep.WHAT:
         options["time"] = STEPPED

@@ -44,7 +44,6 @@ Axes = Mapping[str, Sequence[Value]]
 
 
 def options(job: str) -> dict[str, "Field[Any]"]:
-    """Return the options of a job by the words of its flags."""
     by_flag = {FLAGS.get(name, name): each for name, each in _flags(KEPT[job].kind)}
     return {name: each for name, each in by_flag.items() if name not in LEFT_OUT}
 
@@ -75,7 +74,6 @@ def roles(axes: Axes) -> list[str]:
 
 
 def measures(job: str, axes: Axes) -> tuple[Measure, ...]:
-    """Return what is measured: the figures that are not axes."""
     if job == NETQASM:
         of_job = [Measure(role, f"what {role} returns, mean") for role in roles(axes)]
     else:
@@ -87,7 +85,6 @@ def measures(job: str, axes: Axes) -> tuple[Measure, ...]:
 
 
 def measure(job: str, content: Mapping[str, Any], names: Sequence[str], runs: Path) -> Outcome:
-    """Do the job with these options in a run of its own."""
     options = dict(content)
     arguments = [str(options.pop(APPLICATION))] if job == NETQASM else []
     if INPUT in options:

@@ -39,8 +39,6 @@ class Planned:
 
 @dataclass(frozen=True)
 class Traffic:
-    """The parameters of a model."""
-
     openers: Sequence[str]
     acceptors: Sequence[str]
     rate_per_s: float

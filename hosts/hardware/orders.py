@@ -239,7 +239,6 @@ class Orders:
                 repeated.came(Outcome(code=code, text=problem))
 
     async def _each(self, orders: asyncio.Queue[Order]) -> AsyncIterator[Order]:
-        """Give orders as they come, for ever."""
         while True:
             order = await orders.get()
             yield order

@@ -109,8 +109,6 @@ PARTS_PER_MILLION = 1_000_000
 
 
 class Counted(Protocol):
-    """A session as the device sees it."""
-
     @property
     def setup(self) -> Setup:
         """The agreed terms."""

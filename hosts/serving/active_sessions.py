@@ -27,8 +27,6 @@ MAX_REMEMBERED = 100_000  # sessions that are over
 
 
 class ActiveSessions:
-    """Which sessions there are, by role, and which there were."""
-
     def __init__(self) -> None:
         # Session, and whether as its pair source: the address of who opened it, "" for this host.
         self._now: dict[tuple[int, bool], str] = {}

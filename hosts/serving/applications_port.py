@@ -87,8 +87,6 @@ BACKLOG = 8
 
 @dataclass(frozen=True)
 class Listening:
-    """An application that waits for connections on a port."""
-
     service: str
     queue: "asyncio.Queue[Incoming]"
     closed: asyncio.Event

@@ -17,7 +17,6 @@ BEGUN_PS, S = 1, 10**12  # at time 0 it takes memories for empty
 
 
 def fidelities(errors: list[float]) -> list[float]:
-    """Return the fidelity step by step."""
     QuantumManager.set_global_manager_formalism(BELL_DIAGONAL_STATE_FORMALISM)
     timeline, values = Timeline(), [FIDELITY]
     pair = [

@@ -10,8 +10,6 @@ LOSS_DB = {"avery": 1.26, "bob": 2.05, "bailey": 2.05, "charlie": 2.1, "casey": 
 
 
 class Campus(FabricTopo):
-    """The whole campus."""
-
     def build(self) -> None:
         """Lay copper and fibre."""
         self.set_up()

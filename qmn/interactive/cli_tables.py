@@ -28,7 +28,6 @@ def _cost(used: Exchange) -> str:
 
 
 def ping_summary(receiver: str, rounds: Sequence[Exchange], tried: int) -> str:
-    """Return the statistics of all rounds, as ping has them."""
     pairs = sum(each.bell_pairs for each in rounds)
     arrived = pairs - sum(each.lost_pairs for each in rounds)
     symbols = sum(each.received_symbols for each in rounds)

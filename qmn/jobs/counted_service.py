@@ -127,7 +127,6 @@ def _between(request: ServiceRequest) -> str:
 
 
 def attack_of(request: ServiceRequest, network: NetworkDescription) -> Attack | None:
-    """Return what eve does; None: nothing."""
     if request.eve is None:
         return None
     if request.eve_attack == SPLIT:

@@ -34,7 +34,6 @@ class Obstacle:
 
 
 def obstacle(record: Iterable[Mapping[str, Any]]) -> str:
-    """Return the obstacle at the end of a record, "" without any."""
     last = Obstacle()
     for fact in record:
         last.hear(fact)

@@ -196,5 +196,4 @@ def _fixed_by(request: JobRequest, network: NetworkDescription) -> dict[str, Any
 
 
 def made_as(description: NetworkDescription) -> Made:
-    """Return a network that was made for no job in particular."""
     return Made(description, dict.fromkeys(("eve", "schedule", "purify")))

@@ -58,7 +58,6 @@ class Patience:
         self.renew()
 
     def renew(self) -> None:
-        """Note that a program has spoken."""
         self._heard_s = self._stepped_s = time.monotonic()
         self._heard_network_s = self._seen_s = self._clock.now_s()
 

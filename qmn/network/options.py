@@ -88,8 +88,6 @@ class LightOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class TimeOptions:
-    """How time passes in a network."""
-
     GROUP: ClassVar[str] = SIMULATION
     time: str | None = option(
         None,

@@ -11,8 +11,6 @@ PACED, STEPPED = "paced", "stepped"
 
 @dataclass(frozen=True)
 class Pace:
-    """How the time of a network passes, and why."""
-
     stepped: bool = True
     scale: float = 1.0  # if it is paced: seconds here for one of the network
     reason: str = ""  # empty: somebody has named it, or it is usual

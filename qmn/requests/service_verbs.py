@@ -12,8 +12,6 @@ APPLICATION_PORT, SERVICE_PORT = 7, 9  # of messages, of other services
 
 @dataclass(frozen=True)
 class Verb:
-    """A service as the command line has it."""
-
     help: str
     unit: str  # what --count counts
     protocols: tuple[str, ...] = ()  # services that do it; none: the one of the verb's name
@@ -52,7 +50,6 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
 
 
 def services_of(name: str) -> tuple[str, ...]:
-    """Return the services that do what a verb of this name says."""
     return VERBS[name].protocols or (name,)
 
 

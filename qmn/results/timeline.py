@@ -199,7 +199,6 @@ class Captured:
             yield Place(time_ns, captured_ns, number, number, offset, size, length)
 
     def _events(self, number: int) -> Iterator[Place]:
-        """Yield where events are; add their interfaces."""
         file, first = self._files[number], len(self.interfaces)
         events = Reader(file)
         for time_ns, data, length, interface in events.packets():

@@ -122,7 +122,6 @@ def state(device: dict[str, Any]) -> str:
 
 
 def settings(values: dict[str, Any]) -> str:
-    """Return settings in short, those that there are."""
     texts = {
         "rate_hz": "{:,} Hz",
         "frame_bytes": "{} B",

@@ -66,7 +66,6 @@ class Instructions(NamedTuple):
     mark: Mark | None  # among the actions
 
     def with_mark(self, mark: Mark) -> "Instructions":
-        """Return the instructions with a mark, first of what is done at once."""
         if self.kinds != (APPLY,):
             return parse(self._with_mark_among(mark))
         # As light entries are: nothing has to be decoded again.

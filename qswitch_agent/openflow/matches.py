@@ -65,7 +65,6 @@ _remembered = lru_cache(maxsize=4096)(_fields)
 
 
 def _field(oxm_class: int, number: int, masked: bool, body: bytes) -> tuple[Field, bytes, bytes]:
-    """Return what a field is, its value and its mask."""
     if oxm_class == ofp.OFPXMC_EXPERIMENTER:
         if len(body) < EXPERIMENTER.size:
             raise _bad(ofp.OFPBMC_BAD_LEN, f"match field of no experimenter, {len(body)} bytes")

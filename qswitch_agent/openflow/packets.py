@@ -104,7 +104,6 @@ def bundle_control(message: bytes) -> tuple[int, int, int]:
 
 @strict
 def bundle_member(message: bytes) -> tuple[int, bytes]:
-    """Return the bundle of a BUNDLE_ADD_MESSAGE and the message in it."""
     bundle, _pad, _flags = BUNDLE.unpack_from(message, HEADER.size)
     data = message[HEADER.size + BUNDLE.size :]
     length = int(HEADER.unpack_from(data)[2])

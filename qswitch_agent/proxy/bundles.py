@@ -47,8 +47,6 @@ class Bundle:
 
 
 class Bundles:
-    """All of one connection, by their ids."""
-
     def __init__(self) -> None:
         self._open: dict[int, Bundle] = {}
         self._bytes = 0

@@ -164,7 +164,6 @@ def marked(mod: FlowMod, switch: Switch, link: Link) -> FlowMod:
 
 
 def checked_port_mod(message: bytes, switch: Switch) -> tuple[PortMod, Tunings]:
-    """Return a PORT_MOD and how ports are to be tuned by it."""
     mod = PortMod.decode(message)
     if unknown := (mod.mask | mod.config) & ~ALL_CONFIG:
         raise refusals.bad_config(f"configuration bits {unknown:#x} mean nothing")

@@ -99,7 +99,6 @@ class Link:
             self._soon = asyncio.get_running_loop().call_later(soon_s, self.show)
 
     def show(self) -> None:
-        """Write what there is for the controller."""
         if self._soon is not None:
             self._soon.cancel()
             self._soon = None

@@ -31,8 +31,6 @@ DROPPED = re.compile(r"^(\d+) packets? dropped by kernel", re.MULTILINE)
 
 
 class Captures:
-    """Captures of one network, and the packets that they missed."""
-
     def __init__(self, network: Runtime) -> None:
         self._network = network
         self._files: dict[Program, Path] = {}  # of those that run

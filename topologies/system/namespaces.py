@@ -47,8 +47,6 @@ _keeper: str | None = None  # of this run, for those who know its process ids
 
 @dataclass(frozen=True)
 class RunningRun:
-    """A run in namespaces of its own."""
-
     keeper: int  # process id
     first: int  # process id on this machine of process 1
     command: str
@@ -181,7 +179,6 @@ def machine_listener(host: str, port: int) -> socket.socket:
 
 
 def in_machine_network(act: Callable[[], T]) -> T:
-    """Return what this returns in the machine's network."""
     if not are_own():
         return act()
     with ThreadPoolExecutor(1, thread_name_prefix="machine") as thread:

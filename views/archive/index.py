@@ -44,7 +44,6 @@ class Run:
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """Return the parameters that are not the default."""
         values: dict[str, Any] = json.loads(self.changed)
         return values
 

@@ -64,8 +64,6 @@ class Tail:
 
 @dataclass(frozen=True)
 class Layout:
-    """A kind of message."""
-
     name: str
     number: int
     size: int  # of the fixed fields

@@ -77,7 +77,6 @@ def listen(place: Place) -> tuple[SharedListener, int]:
 
 
 async def until_a_signal(serving: Coroutine[Any, Any, None]) -> None:
-    """Serve until a signal that ends this program."""
     task = asyncio.ensure_future(serving)
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, task.cancel)

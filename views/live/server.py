@@ -154,8 +154,6 @@ class Index(File):
 
 
 class Answer(Guarded):
-    """An answer about one view."""
-
     def initialize(self, view: View) -> None:
         self.view = view
 
@@ -182,16 +180,12 @@ class Network(Answer):
 
 
 class Drawing(Answer):
-    """One of the view's drawings."""
-
     async def get(self, name: str) -> None:
         self.set_header("Content-Type", "text/html; charset=utf-8")
         self.write(await self.view.drawn(name))
 
 
 class Messages(Answer):
-    """The messages, as server-sent events."""
-
     async def get(self) -> None:
         """Send lists of messages until there are no more, or nobody reads."""
         timeline = self.view.timeline

@@ -76,7 +76,6 @@ def read_acts(folder: Path) -> list[dict[str, Any]]:
 
 
 def read_lines(file: Path) -> list[bytes]:
-    """Return the lines of a file; none if it is not there."""
     return file.read_bytes().splitlines() if file.exists() else []
 
 

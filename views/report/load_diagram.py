@@ -63,7 +63,6 @@ def _sessions(axes: Axes, sessions: Sequence[LoadSession]) -> None:
 
 
 def counted(steps: Sequence[Step]) -> tuple[list[float], list[int]]:
-    """Return the moments of steps in order, and the count from each on."""
     in_order = sorted(steps)
     return [at for at, _by in in_order], list(accumulate(by for _at, by in in_order))
 

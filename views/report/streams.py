@@ -30,8 +30,6 @@ class Segment(NamedTuple):
 
 
 class Flow(NamedTuple):
-    """One direction of a connection."""
-
     source: str
     source_port: int
     target: str

@@ -95,7 +95,6 @@ def _of_machine(run: Path | None, options: LiveOptions, place: Place) -> int:
 
 @contextmanager
 def shown(run: Path | None, read_only: bool) -> Iterator[View]:
-    """Yield what is shown of a run, or of the network that runs."""
     if run is not None:
         result, network = read_result(run)
         timeline = timeline_of_run(run, result.time_scale or 1.0)

@@ -50,8 +50,6 @@ class Kind(IntEnum):
 
 
 class InnerPort(NamedTuple):
-    """A port that leads to a part of the switch."""
-
     kind: Kind
     number: int  # of the part, of all of its kind, from 1
     which: int  # input of an analyser, or half of a source's pairs, from 1; of a memory 0
@@ -182,7 +180,6 @@ class QuantumSwitch:
             check(where, path)
 
     def _check_memories(self) -> None:
-        """Raise BadParameter for memories that no switch has."""
         memory, where = self.memory, f"{self.name}, memories"
         self.memory_device.check(where)
         if not self.memories and self.memory_device != Device():
@@ -201,7 +198,6 @@ class QuantumSwitch:
             )
 
     def _check_sources(self) -> None:
-        """Raise BadParameter for sources that no switch has."""
         device, where = replace(Device(), source=self.source), f"{self.name}, sources"
         device.check(where)
         if not self.sources and device != Device():

@@ -39,5 +39,4 @@ def _theirs() -> Iterator[ServiceKind]:
 
 @cache
 def named() -> Mapping[str, ServiceKind]:
-    """Return all by what users call them."""
     return MappingProxyType({service.name.lower(): kind for service, kind in kinds().items()})

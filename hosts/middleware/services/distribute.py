@@ -25,7 +25,6 @@ from wire.metadata.vocabulary import MemoryState, Service
 
 
 async def distribute(end: OpenerEnd, options: DistributeOptions) -> Answerer:
-    """Do what the opener does; return what answers its application."""
     if end.setup.memory == MemoryState.HERALDED:
         return await swapping.swap(end, options)
     return await make_pairs(end, options, partial(make, end.side))

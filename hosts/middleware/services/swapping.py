@@ -209,7 +209,6 @@ class Blocks:
 
 
 async def swap(end: OpenerEnd, options: DistributeOptions) -> Answerer:
-    """Do what the opener does; return what answers its application."""
     judged = options.fidelity or options.sample or options.rounds
     whole = not judged and end.side.lifetimes.cutoff_s == inf and switches_used(end.setup) == 1
     with analyser_socket(end.setup.session, Receivers.OPENER) as frames:

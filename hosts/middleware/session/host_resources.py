@@ -38,8 +38,6 @@ def carrying(qnic: Qnic, channels_mhz: Mapping[str, int], wavelength_pm: int) ->
 
 @dataclass(frozen=True)
 class HostResources:
-    """The resources of one host, shared by its sessions."""
-
     name: str
     seed: int
     qnic: Qnic

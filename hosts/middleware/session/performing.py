@@ -90,7 +90,6 @@ class Performer:
                 light.cancel()
 
     async def carry_out(self, effect: Effect) -> Any:
-        """Carry out an effect; return its result."""
         match effect:
             case protocol.Begin(operation, arguments, named):
                 light = bound(self.qnic, operation)(*arguments, **named)

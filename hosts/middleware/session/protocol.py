@@ -309,8 +309,6 @@ class Joined(NamedTuple):
 
 
 class Connection(Protocol):
-    """A performer of steps, and its connection."""
-
     def perform(self, steps: "Steps[T]") -> Awaitable[T]:
         """Carry out steps; return their result."""
 

@@ -245,7 +245,6 @@ def check_asked(setup: Setup, handshakes: Sequence[Handshake]) -> None:
 
 
 def making(setup: Setup, is_source: bool) -> Making:
-    """Return who makes the pairs of a session; is_source: its opener is their source."""
     if setup.memory == MemoryState.HERALDED:
         return Making.STATION
     return Making.OPENER if is_source else Making.SOURCE

@@ -28,8 +28,6 @@ KILLED = "oom_kill "  # a line of what tells of it
 
 
 class Version(NamedTuple):
-    """The files of a group."""
-
     limit: str
     events: str
     swap: str  # where the kernel counts it, or else none

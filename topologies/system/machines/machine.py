@@ -170,7 +170,6 @@ class Machine:
                 return bytes(content)
 
     def put_folder(self, packed: bytes, folder: Path | str) -> None:
-        """Put a private folder there, from its packed bytes (packing.pack)."""
         file = f"{folder}{PACKED}"
         self.put(file, packed)
         self.ask("unpack", path=file, folder=str(folder))
@@ -295,7 +294,6 @@ class Machine:
             process.write(body)
 
     async def _beat(self) -> None:
-        """Lose a machine that does not answer."""
         while not self.lost:
             self._writer.write(encode({"ask": 0, "do": "clock"}))
             await asyncio.sleep(BEAT_PERIOD_S)

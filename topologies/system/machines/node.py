@@ -17,14 +17,11 @@ from topologies.timeouts import COMMAND_TIMEOUT_S, END_TIMEOUT_S
 
 
 class NodeElsewhere:
-    """A host whose machine is not that of the runner."""
-
     machine: Machine
     name: str
     pid_there = NOWHERE
 
     def startShell(self, mnopts: str | None = None) -> None:  # noqa: N802 (Mininet's name)
-        """Start its shell there, and wait for its prompt."""
         node: Any = self
         del mnopts
         ours, self._terminal = socket.socketpair()

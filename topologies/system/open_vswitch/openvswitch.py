@@ -167,7 +167,6 @@ def _naming_a_daemon(needed: Sequence[str]) -> Iterator[Callable[[], None]]:
 
 
 def _silence(daemon: Program) -> str:
-    """Return why a daemon does not answer, and what to do."""
     remedy = f"let it go on by `kill -CONT {daemon.pid}`"
     return f"{daemon.name} does not answer: a signal has stopped it; {remedy}"
 

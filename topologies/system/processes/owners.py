@@ -23,8 +23,6 @@ STATE, USER_TICKS, SYSTEM_TICKS, START = 0, 11, 12, 19
 
 
 class Owner(NamedTuple):
-    """One process, for ever."""
-
     pid: int
     start: int  # clock ticks since the boot
     boot: str  # first 8 digits of its id
@@ -39,7 +37,6 @@ class Owner(NamedTuple):
 
     @property
     def stopped(self) -> bool:
-        """Whether a signal has stopped it (SIGSTOP)."""
         return self.state == STOPPED
 
     @property

@@ -197,7 +197,6 @@ class Program:
 
     @property
     def running(self) -> bool:
-        """Whether it was started and has not ended."""
         return self._process is not None and self._process.poll() is None
 
     def wait_for(

@@ -72,7 +72,6 @@ class EarlyStart:
             self.program.start([*command, *words], host.pid, descriptors, network.forks())
 
     def go_on(self, config: Config) -> None:
-        """Tell it its configuration."""
         write(self._network, self._name, config, self._descriptors)
         self._held.close()
 

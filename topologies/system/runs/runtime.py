@@ -105,7 +105,6 @@ class Runtime:
 
     @property
     def machines(self) -> list[Machine]:
-        """Return the other machines on which there are hosts."""
         return sorted(set(self.places.values()), key=lambda machine: machine.name)
 
     @property
@@ -334,7 +333,6 @@ def folders_of_running(root: Path | None = None) -> list[Path]:
 
 
 def folders_of_gone(root: Path | None = None) -> list[Path]:
-    """Return the private folders of runs that are gone, and no others."""
     paths = (root or RUNTIME_ROOT).glob("*")
     return sorted(path for path in paths if gone(path.name) and path.is_dir())
 

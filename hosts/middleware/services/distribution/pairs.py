@@ -45,8 +45,6 @@ Mask = NDArray[np.bool_]
 
 @dataclass
 class Portion:
-    """Pairs of one block of light."""
-
     size: int
     rounds: int = 0  # of purification so far
     since_ns: int = 0  # the mean time from which halves wait at this end; 0: unknown

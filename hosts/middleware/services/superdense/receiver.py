@@ -59,8 +59,6 @@ class Collect:
 
 
 class State(Enum):
-    """Conditions that a receiver waits for."""
-
     WAITING = auto()
     MEASURING = auto()
 
