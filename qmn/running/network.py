@@ -54,9 +54,9 @@ def announce_network(runtime: Runtime, facts: NetworkResult) -> None:
     (runtime.folder / NETWORK).write_text(json.dumps(asdict(announced)))
 
 
-def announced_network(root: Path = RUNTIME_ROOT) -> RunningNetwork:
+def announced_network() -> RunningNetwork:
     """Return the network that runs; raise NetworkError if none has started."""
-    folders = folders_of_running(root)
+    folders = folders_of_running(RUNTIME_ROOT)
     for folder in folders:
         file = folder / NETWORK
         if file.exists():
@@ -77,8 +77,8 @@ def left_of_killed(folder: Path) -> dict[str, Any] | None:
     return {**facts, "error": KILLED}
 
 
-def announced_folders(root: Path = RUNTIME_ROOT) -> set[Path]:
-    files = [folder / NETWORK for folder in folders_of_running(root)]
+def announced_folders() -> set[Path]:
+    files = [folder / NETWORK for folder in folders_of_running(RUNTIME_ROOT)]
     return {Path(json.loads(file.read_text())["folder"]) for file in files if file.exists()}
 
 

@@ -72,12 +72,12 @@ def _server(folder: Path, command: list[str]) -> Iterator[Program]:
 
 
 @contextmanager
-def page_of_command(opens: bool, say: Say = SAY, *, for_all: bool = False) -> Iterator[None]:
+def page_of_command(opens: bool, *, for_all: bool = False) -> Iterator[None]:
     """Serve an address that shows the networks that are started meanwhile, and say where it is."""
     if not (opens or for_all) or Pages.of_command():
         yield
         return
-    server = begin_page_of_command(say, for_all=for_all)
+    server = begin_page_of_command(for_all=for_all)
     try:
         yield
     finally:

@@ -367,9 +367,9 @@ class Side:
         message = yield from self.next_values(begins=True)
         return None if message is None else coming(message, most)
 
-    def expect_light(self, name: BlockName, port: str = "") -> Steps[Light]:
-        """Begin to store the photons that will arrive at a port, the first if none is named."""
-        return begin(pair_light.receive_into_memory, name, port or self.ports[0], LIGHT_TIMEOUT_S)
+    def expect_light(self, name: BlockName) -> Steps[Light]:
+        """Begin to store the photons that will arrive at the first port."""
+        return begin(pair_light.receive_into_memory, name, self.ports[0], LIGHT_TIMEOUT_S)
 
     def stored(self, light: Light, photons: int) -> Steps[Stored]:
         """Return the arrivals of light that is over; none if no photon arrived."""
