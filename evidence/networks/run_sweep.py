@@ -14,7 +14,7 @@ from evidence.curves.estimates import NOTHING, Estimate, mean_of_draws
 from evidence.curves.experiment import Measure, Outcome
 from evidence.curves.parameters import BadGrid, Value
 from qmn.options import BadInput, flag_of
-from qmn.requests.kinds import KEPT
+from qmn.requests.kinds import RECORDED_REQUESTS
 from qmn.requests.of_job import FLAGS
 from qmn.results.run_folder import begin_folder
 from qmn.results.run_result import RunResult
@@ -36,7 +36,7 @@ HELP = {
     "load": "many sessions of many hosts",
     NETQASM: "run programs of NetQASM (--application FOLDER)",
 }
-WHAT = {name: text for name, text in HELP.items() if name in KEPT}
+WHAT = {name: text for name, text in HELP.items() if name in RECORDED_REQUESTS}
 LEFT_OUT = {"seed", "runs", "without"}  # a sweep sets them
 
 
@@ -44,7 +44,7 @@ Axes = Mapping[str, Sequence[Value]]
 
 
 def options(job: str) -> dict[str, "Field[Any]"]:
-    by_flag = {FLAGS.get(name, name): each for name, each in _flags(KEPT[job].kind)}
+    by_flag = {FLAGS.get(name, name): each for name, each in _flags(RECORDED_REQUESTS[job].kind)}
     return {name: each for name, each in by_flag.items() if name not in LEFT_OUT}
 
 

@@ -1,4 +1,4 @@
-"""The requests that there are, and which one a result keeps, by its service and its job."""
+"""The kinds of requests, by the service or the job of the result that records them."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, is_dataclass
@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import Any
 
 from hosts.middleware.services import named
-from qmn.requests.keeping import kept_fields, read_kept
+from qmn.requests.recording import read_recorded, recorded_fields
 from qmn.requests.request import Request
 from qmn.requests.service import ServiceRequest
 from qmn.requests.service_verbs import APPLICATION_PORT, SERVICE_PORT, VERBS, services_of
@@ -17,11 +17,11 @@ LOAD = "load"  # a job, whatever its sessions are of
 
 
 @dataclass(frozen=True)
-class Kept:
-    """The class of a request, and what is needed to read one back that a result has kept."""
+class RecordedRequest:
+    """The class of a request, and what reading a recorded one needs beside its parameters."""
 
     kind: type[Any]
-    known: Mapping[str, Any] = field(default_factory=dict)  # fields that are not kept
+    known: Mapping[str, Any] = field(default_factory=dict)  # fields that are not recorded
     parts: Mapping[str, type[Any]] = field(default_factory=dict)  # their classes
 
     def read(self, parameters: Mapping[str, Any], **elsewhere: Any) -> Request:
@@ -29,19 +29,21 @@ class Kept:
 
         Raise MalformedPacket for a name or a value that no such request has.
         """
-        request: Request = read_kept(self.kind, parameters, self.parts, **self.known, **elsewhere)
+        request: Request = read_recorded(
+            self.kind, parameters, self.parts, **self.known, **elsewhere
+        )
         return request
 
     @property
     def fields(self) -> dict[str, Any]:
-        return kept_fields(self.kind, self.parts)
+        return recorded_fields(self.kind, self.parts)
 
 
-KEPT: Mapping[str, Kept] = MappingProxyType(
+RECORDED_REQUESTS: Mapping[str, RecordedRequest] = MappingProxyType(
     {
-        SERVICE: Kept(SuperdenseRequest, {"port": APPLICATION_PORT}),
+        SERVICE: RecordedRequest(SuperdenseRequest, {"port": APPLICATION_PORT}),
         **{
-            service: Kept(
+            service: RecordedRequest(
                 ServiceRequest,
                 {"service": service, "port": SERVICE_PORT},
                 {"options": named()[service].options},
@@ -49,11 +51,14 @@ KEPT: Mapping[str, Kept] = MappingProxyType(
             for name in VERBS
             for service in services_of(name)
         },
-        **{name: Kept(kind) for name, kind in Registry[Any](REQUESTS, is_dataclass, {}).items()},
+        **{
+            name: RecordedRequest(kind)
+            for name, kind in Registry[Any](REQUESTS, is_dataclass, {}).items()
+        },
     }
 )
 
 
 def job_of(service: str, parts: Collection[str]) -> str:
-    """Return by which name KEPT has what a result keeps: its service, and the parts of its job."""
+    """Return the key of a result's request, by its service and the parts of its job."""
     return LOAD if LOAD in parts else service

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 from qmn.network.options import NetworkOptions
 from qmn.network.time_scale import PACED
-from qmn.requests.keeping import kept
+from qmn.requests.recording import recorded
 from qmn.requests.request import Request
 from wire.parameters.fiber import FiberOptics
 from wire.parameters.network import NetworkSettings
@@ -76,7 +76,7 @@ class NetworkResult:
     def recorded_parameters(self) -> dict[str, Any]:
         """The parameters as the file has them: of a network all options that say something."""
         if not isinstance(self.parameters, NetworkOptions):
-            return kept(self.parameters)
+            return recorded(self.parameters)
         parameters = {name: v for name, v in asdict(self.parameters).items() if name not in BESIDE}
         return {name: value for name, value in parameters.items() if value not in ABSENT}
 

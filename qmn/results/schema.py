@@ -14,7 +14,7 @@ from types import NoneType, UnionType
 from typing import Any, get_args
 
 from qmn.network.options import NetworkOptions
-from qmn.requests.keeping import kept_fields, read_fields
+from qmn.requests.recording import read_fields, recorded_fields
 from qmn.requests.run_options import RunOptions
 from qmn.results.run_result import ABSENT, BESIDE, NetworkResult, RunResult
 from wire import typed_json
@@ -49,18 +49,18 @@ def _requests(definitions: Schema) -> Schema:
 
     Of every job there are the parameters of the network, and those that are its own.
     """
-    from qmn.requests.kinds import KEPT  # requests take a moment to load
+    from qmn.requests.kinds import RECORDED_REQUESTS  # requests take a moment to load
 
-    common = {**kept_fields(NetworkOptions), **kept_fields(RunOptions)}
+    common = {**recorded_fields(NetworkOptions), **recorded_fields(RunOptions)}
     definitions[COMMON] = _object(common, NetworkOptions, definitions, (None,))
-    for name, entry in KEPT.items():
+    for name, entry in RECORDED_REQUESTS.items():
         fields_ = {name: each for name, each in entry.fields.items() if name not in common}
         definitions[OF_JOB + name] = {
             **_object(fields_, entry.kind, definitions, (None,)),
             "allOf": [{"$ref": f"#/$defs/{COMMON}"}],
             "unevaluatedProperties": False,
         }
-    return {"anyOf": [{"$ref": f"#/$defs/{OF_JOB}{name}"} for name in KEPT]}
+    return {"anyOf": [{"$ref": f"#/$defs/{OF_JOB}{name}"} for name in RECORDED_REQUESTS]}
 
 
 def _network(definitions: Schema) -> Schema:
@@ -106,17 +106,17 @@ def of_either_kind(content: Any) -> NetworkResult:
 
 def read_run(content: dict[str, Any]) -> RunResult:
     """Return the result of a run as decoded JSON says it; raise MalformedPacket for others."""
-    from qmn.requests.kinds import KEPT, job_of
+    from qmn.requests.kinds import RECORDED_REQUESTS, job_of
 
     content = _renamed({**content, "service": RENAMED.get(content["service"], content["service"])})
     head, fields_read = (
         schema.head_of(content),
         {name: content.get(name) for name in (*BESIDE, "backend")},
     )
-    entry = KEPT.get(job_of(head.service or "", head.job))
+    entry = RECORDED_REQUESTS.get(job_of(head.service or "", head.job))
     if entry is None:
         service = head.service or ""
-        raise MalformedPacket(f"unknown service {service!r}: {remedy(service, KEPT)}")
+        raise MalformedPacket(f"unknown service {service!r}: {remedy(service, RECORDED_REQUESTS)}")
     parameters = entry.read(head.parameters, **fields_read)
     return typed_json.read(RunResult, {**content, "parameters": parameters})
 

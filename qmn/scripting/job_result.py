@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from qmn.requests.keeping import kept, kept_fields
+from qmn.requests.recording import recorded, recorded_fields
 from qmn.results.run_result import RunResult
 from qmn.results.sentences import sentence
 from qmn.scripting.tables import SIMPLE, Row, Tabular, drawn, file_of, shown
@@ -27,8 +27,10 @@ class JobResult(RunResult, Tabular):
         """The parameters that are not at their defaults."""
         request = self.parameters
         parts = {"options": type(getattr(request, "options", None))}
-        defaults = {name: each.default for name, each in kept_fields(type(request), parts).items()}
-        return {name: v for name, v in kept(request).items() if v not in (defaults[name], [])}
+        defaults = {
+            name: each.default for name, each in recorded_fields(type(request), parts).items()
+        }
+        return {name: v for name, v in recorded(request).items() if v not in (defaults[name], [])}
 
     def rows(self) -> Sequence[Row]:
         """Return one row."""

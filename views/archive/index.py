@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from qmn.network.options import NetworkOptions
-from qmn.requests.kinds import KEPT, job_of
+from qmn.requests.kinds import RECORDED_REQUESTS, job_of
 from qmn.results.run_folder import give
 from qmn.running.network import left_of_killed
 from views.archive.named_run import is_run, stamp_of
@@ -110,7 +110,7 @@ def differing(head: Head) -> dict[str, Parameter]:
 
 def _defaults(head: Head) -> dict[str, Any]:
     options = {field.name: field for field in fields(NetworkOptions)}
-    if entry := KEPT.get(job_of(head.service or "", head.job)):
+    if entry := RECORDED_REQUESTS.get(job_of(head.service or "", head.job)):
         options |= entry.fields
     return {name: each.default for name, each in options.items()}
 

@@ -9,9 +9,11 @@ A class whose options are shown together, under a title, has it as its GROUP.
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import Field, field, fields
-from typing import Any, TypedDict, Unpack, cast
+from typing import Any, TypedDict, TypeVar, Unpack, cast
 
 from wire.parameters.checks import Refusal, check_choice, check_number
+
+T = TypeVar("T")
 
 # Titles of groups that several classes have.
 CONTROL = "copper and control"
@@ -42,7 +44,7 @@ class Declaration(Words, total=False):
     recorded_as: str  # of fields that are no options
 
 
-def option(default: Any, help: str, **words: Unpack[Words]) -> Any:  # noqa: A002 (argparse's word)
+def option(default: T, help: str, **words: Unpack[Words]) -> T:  # noqa: A002 (argparse's word)
     """Return a field that is an option.
 
     Its kind is that of the annotation: a number, text, a path, a bool, or a tuple of texts, for

@@ -12,7 +12,7 @@ from scapy.utils import PcapWriter
 
 from dispatcher.layer.history import EventCapture
 from hosts.applications.carrying import sent_figures
-from qmn.requests.kinds import KEPT
+from qmn.requests.kinds import RECORDED_REQUESTS
 from qmn.requests.request import Request
 from qmn.results.result import complete
 from qmn.results.run_result import RunResult
@@ -201,7 +201,7 @@ def teleported(**report: Any) -> TeleportFigures:
 
 def asked(job: str, parameters: dict[str, Any], topology: str = "sdc") -> Request:
     """Return a request as a result that keeps these parameters has it."""
-    return KEPT[job].read(parameters, topology=topology)
+    return RECORDED_REQUESTS[job].read(parameters, topology=topology)
 
 
 def run_of(service: str, job: ServiceJob, time_scale: float) -> RunResult:

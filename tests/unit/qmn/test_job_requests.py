@@ -16,8 +16,8 @@ from evidence.traffic.request import LoadRequest
 from qmn.__main__ import described
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, from_keywords, read
-from qmn.requests.keeping import kept
-from qmn.requests.kinds import KEPT
+from qmn.requests.kinds import RECORDED_REQUESTS
+from qmn.requests.recording import recorded
 from qmn.requests.request import Request
 from qmn.requests.service import service_request
 from qmn.requests.superdense import superdense_request
@@ -126,13 +126,13 @@ def test_what_a_result_keeps_fits_its_schema_and_is_read_back(
     job: str, words: str, report: dict[str, Any]
 ) -> None:
     request = parse(*words.split())
-    parameters = json.loads(json.dumps(kept(request)))
+    parameters = json.loads(json.dumps(recorded(request)))
     assert report.items() <= parameters.items()
     place = ROOT["$defs"][f"parameters of {job}"]
     assert problems(parameters, place, ROOT) == []
     again = asked(job, parameters)
     assert type(again) is type(request)
-    assert kept(again) == kept(request)
+    assert recorded(again) == recorded(request)
     assert (again.network.fiber, again.run.classical_mbps) == (
         request.network.fiber,
         request.run.classical_mbps,
@@ -141,12 +141,12 @@ def test_what_a_result_keeps_fits_its_schema_and_is_read_back(
 
 def test_what_means_nothing_is_not_kept() -> None:
     """Of an eavesdropper who is not there, of the run's files, of what a result tells beside."""
-    parameters = kept(parse("run", "keys", "--seed", "7", "--metrics", "--without", "events"))
+    parameters = recorded(parse("run", "keys", "--seed", "7", "--metrics", "--without", "events"))
     named = {"eve", "at", "until", "seed", "metrics", "events", "keys", "controller", "place"}
     assert not parameters.keys() & named
 
 
-@pytest.mark.parametrize("job", KEPT)
+@pytest.mark.parametrize("job", RECORDED_REQUESTS)
 def test_no_result_has_parameters_of_another_job(job: str) -> None:
     with pytest.raises(MalformedPacket, match="parameters has no luck: "):
         asked(job, {"luck": 1})

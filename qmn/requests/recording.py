@@ -1,7 +1,10 @@
-"""The parameters that result.json has of a request, and how they are read back.
+"""The parameters of a request in result.json: which there are, written and read back.
 
-These are the options of a request and of its parts, except those that are declared with
-recorded=False, and fields that are `recorded_as` a name (wire.parameters.option).
+Each is declared where its field is (wire.parameters.option), in a request or a part of it:
+
+    loss: float | None = option(None, "of a fibre")              recorded as loss
+    json: bool = option(False, "print JSON", recorded=False)     not recorded
+    path: Path = field(metadata=recorded_as("application"))      no option, recorded by that name
 """
 
 from collections.abc import Mapping
@@ -21,13 +24,13 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 
-def kept(request: "DataclassInstance") -> dict[str, Parameter]:
-    """Return what a result keeps of a request, by name; of what is None nothing."""
+def recorded(request: "DataclassInstance") -> dict[str, Parameter]:
+    """Return the parameters of a request that a result records, by name, but for None."""
     parameters: dict[str, Parameter] = {}
     for field in fields(request):
         value = getattr(request, field.name)
         if is_dataclass(value) and not isinstance(value, type):
-            parameters |= kept(value)
+            parameters |= recorded(value)
         elif (name := recorded_name(field)) and value is not None:
             of = declared(field).get("of")
             if of is None or getattr(request, of) is not None:
@@ -36,6 +39,7 @@ def kept(request: "DataclassInstance") -> dict[str, Parameter]:
 
 
 def recorded_name(option: "Field[Any]") -> str | None:
+    """Return the name of a field's parameter in result.json, None if it has none."""
     declaration = declared(option)
     if "help" in declaration:
         return option.name if declaration.get("recorded", True) else None
@@ -47,11 +51,11 @@ class RecordReader(OptionReader):
         return recorded_name(option)
 
 
-def read_kept(
+def read_recorded(
     kind: type[Kind], parameters: Mapping[str, Any], parts: Parts = NO_PARTS, **known: Any
 ) -> Kind:
-    """Return the request that a result has kept; raise MalformedPacket for anything else."""
-    values = read_fields(kept_fields(kind, parts), parameters)
+    """Return the request that a result has recorded; raise MalformedPacket for anything else."""
+    values = read_fields(recorded_fields(kind, parts), parameters)
     return RecordReader(values, known, parts).read(kind)
 
 
@@ -62,14 +66,14 @@ def read_fields(fields_: "Mapping[str, Field[Any]]", values: Mapping[str, Any]) 
     return typed_json.read_fields(kinds, needed, values, "parameters")
 
 
-def kept_fields(
+def recorded_fields(
     kind: "type[DataclassInstance]", parts: Parts = NO_PARTS
 ) -> "dict[str, Field[Any]]":
     by_name: dict[str, Field[Any]] = {}
     for field in fields(kind):
         part: Any = parts.get(field.name, field.type)
         if isinstance(part, type) and is_dataclass(part):
-            by_name |= kept_fields(part, parts)
+            by_name |= recorded_fields(part, parts)
         elif name := recorded_name(field):
             by_name[name] = field
     return by_name
