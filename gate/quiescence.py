@@ -9,7 +9,6 @@ holds time.
 
 import os
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple, Self
 
 STAT_BYTES = 512
@@ -129,7 +128,7 @@ def _tasks(proc: str) -> Iterator[Task]:
             continue
         try:
             for thread in os.listdir(f"{proc}/{process}/task"):
-                task = Task.opened(str(Path(proc, process, "task", thread)))
+                task = Task.opened(f"{proc}/{process}/task/{thread}")
                 if task.is_carrier:
                     task.close()
                 else:

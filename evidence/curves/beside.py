@@ -98,7 +98,8 @@ def in_networks(runs: Path, at_once: int, check: Callable[[], None]) -> Measurer
                 rows.put((values, estimates(numbers)))
 
         with ThreadPoolExecutor(at_once, thread_name_prefix="network") as pool:
-            futures = [pool.submit(measure, group) for group in grid.experiment.groups(points)]
+            groups = grid.experiment.groups(points, at_once)
+            futures = [pool.submit(measure, group) for group in groups]
             try:
                 yield from _as_they_come(rows, futures, check)
             finally:

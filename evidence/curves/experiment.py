@@ -51,8 +51,8 @@ class Experiment:
         """The name of its tables and figures."""
         return self.name
 
-    def groups(self, points: Sequence[Values]) -> Iterator[Sequence[Values]]:
-        """Yield points that are measured on one network, one after the other."""
+    def groups(self, points: Sequence[Values], _at_once: int) -> Iterator[Sequence[Values]]:
+        """Yield points that follow each other on a network, for a number of networks at a time."""
         yield from ([values] for values in points)
 
     @property

@@ -45,7 +45,8 @@ TEXT = "a text"
 SWITCHES = {"on": True, "off": False}
 AT_START = OF_NETWORK | {"schedule", "purify", "protocol", "source", "sender", "receiver"}
 MOST_SHOWN = 40  # characters of a value, as a message is one
-MOST_POINTS = 50  # on one network: further ones go to another processor
+MOST_POINTS = 500  # on one network
+LEAST_POINTS = 5  # on each, if points are shared out among networks
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class JobSweep(Experiment):
         """Return the name of its table: other axes are other columns."""
         return "-".join((self.name, *(self.names or ["network"])))
 
-    def groups(self, points: Sequence[Values]) -> Iterator[list[Values]]:
+    def groups(self, points: Sequence[Values], at_once: int) -> Iterator[list[Values]]:
         if self.name in run_sweep.WHAT:
             yield from ([values] for values in points)
             return
@@ -66,8 +67,9 @@ class JobSweep(Experiment):
             fixed = tuple(value for name, value in values.items() if is_at_start(name))
             by_fixed.setdefault(fixed, []).append(values)
         for group in by_fixed.values():
-            for begin in range(0, len(group), MOST_POINTS):
-                yield group[begin : begin + MOST_POINTS]
+            shares = max(1, min(at_once // len(by_fixed), len(group) // LEAST_POINTS))
+            size = math.ceil(len(group) / max(shares, math.ceil(len(group) / MOST_POINTS)))
+            yield from (group[begin : begin + size] for begin in range(0, len(group), size))
 
 
 def is_at_start(name: str) -> bool:

@@ -24,7 +24,7 @@ from qmn.results.result import network_facts, note_outcome
 from qmn.results.run_result import RunResult
 from qmn.running.dispatcher_calls import status
 from topologies.networks.network import Network, Signals
-from wire.controller_lines import read_record
+from wire.controller_lines import NewFacts
 from wire.registered import STANDING_JOBS, Registry
 from wire.results.run_result import Job
 
@@ -76,7 +76,12 @@ class Planned:
 
 
 def run(
-    network: Network, made: Made, job: str, options: Mapping[str, Any], number: int
+    network: Network,
+    made: Made,
+    job: str,
+    options: Mapping[str, Any],
+    number: int,
+    record: NewFacts,
 ) -> RunResult:
     """Do a job on the network; raise BadInput for one that needs another network.
 
@@ -100,7 +105,8 @@ def run(
     facts = known_facts(context, planned.service, planned.hosts, planned.result, planned.request)
     note_pace(facts, made.description.pace)
     facts.network = network_facts(network)
-    before, lines_before = status(network), len(read_record(network.runtime.logs))
+    before = status(network)
+    record.read()  # of jobs before
     try:
         planned.perform()
         facts.delivered = True
@@ -109,7 +115,7 @@ def run(
             raise
         facts.error = str(error)
     note_light(facts, network, before)
-    note_outcome(facts, folder, read_record(network.runtime.logs)[lines_before:])
+    note_outcome(facts, folder, record.read())
     facts.write(folder)
     return facts
 

@@ -26,6 +26,7 @@ from qmn.scripting.light import FiberState, LightPath, fiber_state, light_path
 from qmn.scripting.tables import SIMPLE, Row, TableOf, Tabular, drawn, row_of
 from topologies.networks.network import Network
 from topologies.nodes import QuantumHost
+from wire.controller_lines import NewFacts
 from wire.parameters.checks import remedy
 
 PING_BYTES = 16
@@ -78,6 +79,7 @@ class QuantumNetwork(Network):
     """A running network; `net` is Mininet's object, `host("alice")` one of its hosts."""
 
     made: Made  # what jobs are checked against
+    record: NewFacts  # of the controller
     jobs = 0  # that were done on it
 
     @property
@@ -95,7 +97,8 @@ class QuantumNetwork(Network):
         self.jobs += 1
         stands = adjusted(self, self.made.description, options)
         self.made = replace(self.made, description=stands)
-        return JobResult(**vars(on_network.run(self, self.made, job, options, self.jobs)))
+        result = on_network.run(self, self.made, job, options, self.jobs, self.record)
+        return JobResult(**vars(result))
 
     def __getattr__(self, name: str) -> Callable[..., JobResult]:
         """Return `run` of the job of that name, as network.teleport(count=500)."""

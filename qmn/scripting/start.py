@@ -1,7 +1,7 @@
 """The start of a network from a script, or from `qmn cli`."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -35,6 +35,7 @@ from topologies.system.namespaces import with_own_network
 from topologies.system.processes.programs import find_tools
 from views.live.beside import live_view
 from views.live.pages import Pages
+from wire.controller_lines import NewFacts
 from wire.parameters.checks import remedy
 from wire.results.run_result import EarlyNews
 
@@ -136,7 +137,8 @@ def running(
         network = QuantumNetwork(description.build, runtime, signals)
         network.made = made_as(description)
         try:
-            with network, signals.at_once():
+            record = closing(NewFacts(runtime.logs))
+            with record as network.record, network, signals.at_once():
                 if places:
                     facts.machines = machine_facts(runtime)
                 facts.network = network_facts(network)

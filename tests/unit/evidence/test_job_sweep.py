@@ -55,7 +55,7 @@ def test_the_memories_of_all_nodes_of_a_swap_are_those_of_switches_too() -> None
 
 def test_points_that_differ_in_job_and_decays_of_memories_alone_share_a_network() -> None:
     grid = sweep()
-    groups = [*grid.experiment.groups([*grid.points()])]
+    groups = [*grid.experiment.groups([*grid.points()], 2)]
     assert [len(group) for group in groups] == [6] * 3
     for group in groups:
         assert len({values["switches"] for values in group}) == 1
@@ -64,15 +64,24 @@ def test_points_that_differ_in_job_and_decays_of_memories_alone_share_a_network(
     assert not [*filter(job_sweep.is_at_start, shared)]
     for own in ("node.memory.capacity", "bob.detectors.efficiency", "fiber.loss_db_per_km"):
         assert job_sweep.is_at_start(own)
-    fractions = grid_of("qkd", {"eve": "0:0.3:120"})
-    sizes = [len(each) for each in fractions.experiment.groups([*fractions.points()])]
-    assert sizes == [50, 50, 20]
+    for points, at_once, wanted in (
+        (9, 2, [9]),
+        (10, 1, [10]),
+        (10, 2, [5, 5]),
+        (41, 2, [21, 20]),
+        (12, 8, [6, 6]),
+        (1001, 2, [334, 334, 333]),
+    ):
+        fractions = grid_of("qkd", {"eve": f"0:0.3:{points}"})
+        groups = [*fractions.experiment.groups([*fractions.points()], at_once)]
+        assert [len(each) for each in groups] == wanted
+        assert [each for group in groups for each in group] == [*fractions.points()]
 
 
 def test_networks_with_the_same_options_draw_other_numbers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    grid = grid_of("qkd", {"eve": "0:0.3:120"})
+    grid = grid_of("qkd", {"eve": "0:0.3:30"})
     seeds: list[int] = []
 
     def refuse(_job: str, _folder: Path, seed: int, **_options: Any) -> None:
@@ -80,7 +89,7 @@ def test_networks_with_the_same_options_draw_other_numbers(
         raise NetworkError("no network here")
 
     monkeypatch.setattr(job_sweep, "start_for", refuse)
-    for points in grid.experiment.groups([*grid.points()]):
+    for points in grid.experiment.groups([*grid.points()], 3):
         with pytest.raises(SweepError, match="no network here"):
             next(job_sweep.measure("qkd", points, 1, tmp_path))
     assert len({*seeds}) == 3

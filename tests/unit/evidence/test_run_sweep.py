@@ -16,7 +16,7 @@ def test_columns_are_the_figures_of_the_job_beside_its_axes() -> None:
     assert {"accepted", "carried_erlang", "setup_p99_s", "latency_s"} <= {*names}
     assert "sessions" not in names
     assert grid.axes["rate_per_s"] == [5, 10, 15, 20]
-    assert len([*grid.experiment.groups([*grid.points()])]) == 4  # each in a network of its own
+    assert len([*grid.experiment.groups([*grid.points()], 2)]) == 4  # each in a network of its own
     keys = [each.name for each in grid_of("keys", {"seconds": "10"}).experiment.measures]
     assert {"keys_per_s", "qber_highest"} <= {*keys}
     tunnel = [each.name for each in grid_of("vpn", {"rotate": "1,2"}).experiment.measures]
