@@ -17,7 +17,7 @@ Each service has its own use of the states.
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -30,7 +30,6 @@ from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
 from hosts.middleware.session.blocks import LOST, Mask, correct_rotation, keep_of_all, store
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.offers import unanswered
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.protocol import (
     Connection,
@@ -54,9 +53,10 @@ from hosts.middleware.session.values import Numbers
 from hosts.timeouts import BITS_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.metadata.blocks import Finish
 from wire.metadata.header import MAX_LENGTH
-from wire.metadata.setup import Setup
+from wire.metadata.setup import SEAL_BYTES, Setup
 from wire.metadata.values import Envelope, Topic, Values
-from wire.metadata.vocabulary import Reason
+from wire.metadata.vocabulary import Reason, Verdict
+from wire.outcomes import Pauli
 
 NO_DIGEST = bytes(32)
 MOST_DARK = 10  # blocks in a row of which nothing is left
@@ -95,7 +95,10 @@ def introduced() -> Steps[list[str]]:
 
 
 def asked_of_next(setup: Setup) -> Setup:
-    return unanswered(setup, session=(setup.session + 1) % (1 << 64))
+    """Return what is asked of the next host, which the controller judges and seals again."""
+    session, seal = (setup.session + 1) % (1 << 64), bytes(SEAL_BYTES)
+    pending, ok = Verdict.PENDING, Reason.OK
+    return replace(setup, session=session, verdict=pending, rotation=Pauli.I, reason=ok, seal=seal)
 
 
 @dataclass(frozen=True)

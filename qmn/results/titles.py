@@ -11,9 +11,3 @@ TITLES = {
     "vpn": "VPN",
     "netqasm": "NetQASM",
 } | {service.name: service.title for service in registered_services()}
-
-
-def title_of(folder: str) -> str:
-    """Return the job of a folder in words, before its name; the name alone if it has none."""
-    title = TITLES.get(folder.partition("-")[2])
-    return f"{title} ({folder})" if title else folder

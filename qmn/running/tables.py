@@ -34,31 +34,6 @@ def far_end(end: str, names: dict[str, str]) -> str:
     return switch_port(dpid, port, names) if colon else end
 
 
-OPTICS = {
-    "frequency_mhz": "MHz",
-    "tx_power_dbm": "dBm out",
-    "rx_power_dbm": "dBm in",
-    "temperature_c": "deg C",
-}
-
-
-def switch_table(switch: dict[str, Any]) -> Table:
-    """Return the ports of a quantum switch, one a line."""
-    title = f"{switch['name']}: quantum switch {switch['dpid']}, {state(switch)}"
-    table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
-    for column in ("port", "", "photons in", "out", "lost", *OPTICS.values(), "to"):
-        table.add_column(column)
-    leads_to = {path["in_port"]: path["out_port"] for path in switch["paths"]}
-    for port in switch["ports"]:
-        counts = [number_text(port.get(f"photons_{way}")) for way in ("in", "out", "lost")]
-        light = port.get("light") or {}
-        optics = [number_text(light.get(name)) for name in OPTICS]
-        out = leads_to.get(port["port"])
-        up = "up" if port["up"] else "cut"
-        table.add_row(f"{port['port']} {port['name']}", up, *counts, *optics, number_text(out))
-    return table
-
-
 HOST_COLUMNS = (
     *("host", "state", "can", "fibres", "sessions", "pairs sent", "made", "received"),
     *("lost", "wrong", "in use", "overridden"),
@@ -67,25 +42,15 @@ HOST_COLUMNS = (
 
 def host_table(host: dict[str, Any]) -> Table:
     """Return one host, each of what is known a line: a terminal of 80 columns has room for it."""
-    rows = [[*each] for each in zip(HOST_COLUMNS, host_row(host), strict=False)]
     shown = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    for row in rows:
-        shown.add_row(*row)
+    for column, text in zip(HOST_COLUMNS, host_row(host), strict=False):
+        shown.add_row(column, text)
     return shown
 
 
 def counted(number: int, thing: str) -> str:
     """Return a number of things in words, as 1 byte and 2 bytes."""
     return f"{number:,} {thing}{'' if number == 1 else 's'}"
-
-
-def hosts_table(hosts: list[dict[str, Any]]) -> Table:
-    table = Table(title="hosts", title_justify="left", box=None, padding=(0, 2, 0, 0))
-    for column in HOST_COLUMNS:
-        table.add_column(column)
-    for host in hosts:
-        table.add_row(*host_row(host))
-    return table
 
 
 def host_row(host: dict[str, Any]) -> list[str]:

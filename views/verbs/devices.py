@@ -4,9 +4,18 @@ import argparse
 import json
 from typing import Any
 
+from rich.table import Table
+
 from qmn.needs import Needs
 from qmn.running.controller_console import answered, ask, wide_console
-from qmn.running.tables import hosts_table, switch_table
+from qmn.running.tables import HOST_COLUMNS, host_row, number_text, state, table
+
+OPTICS = {
+    "frequency_mhz": "MHz",
+    "tx_power_dbm": "dBm out",
+    "rx_power_dbm": "dBm in",
+    "temperature_c": "deg C",
+}
 
 
 def add_parser(verbs: Any) -> None:
@@ -27,4 +36,19 @@ def show(devices: list[dict[str, Any]], as_json: bool) -> None:
     hosts = [device for device in devices if device["kind"] == "host"]
     for switch in [device for device in devices if device["kind"] == "quantum-switch"]:
         console.print(switch_table(switch))
-    console.print(hosts_table(hosts))
+    console.print(table("hosts", HOST_COLUMNS, [host_row(host) for host in hosts]))
+
+
+def switch_table(switch: dict[str, Any]) -> Table:
+    """Return the ports of a quantum switch, one a line."""
+    title = f"{switch['name']}: quantum switch {switch['dpid']}, {state(switch)}"
+    leads_to = {path["in_port"]: path["out_port"] for path in switch["paths"]}
+    rows = []
+    for port in switch["ports"]:
+        counts = [number_text(port.get(f"photons_{way}")) for way in ("in", "out", "lost")]
+        light = port.get("light") or {}
+        optics = [number_text(light.get(name)) for name in OPTICS]
+        out, up = leads_to.get(port["port"]), "up" if port["up"] else "cut"
+        rows.append([f"{port['port']} {port['name']}", up, *counts, *optics, number_text(out)])
+    columns = ("port", "", "photons in", "out", "lost", *OPTICS.values(), "to")
+    return table(title, columns, rows)

@@ -16,7 +16,7 @@ from typing import Any
 
 from qmn.needs import Needs
 from qmn.options import add_options, read
-from qmn.results.titles import title_of
+from qmn.results.titles import TITLES
 from qmn.running.network import KILLED, announced_network, dispatcher_of_running_network
 from topologies.system.processes.programs import NetworkError
 from views.archive.named_run import add_run
@@ -128,3 +128,9 @@ def _view(folder: Path, network: NetworkFacts, timeline: Timeline, live: bool, a
             "photons": lambda: newest_photons(folder),
         },
     )
+
+
+def title_of(folder: str) -> str:
+    """Return the job of a folder in words, before its name; the name alone if it has none."""
+    title = TITLES.get(folder.partition("-")[2])
+    return f"{title} ({folder})" if title else folder

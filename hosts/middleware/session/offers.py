@@ -1,13 +1,11 @@
 """Light that hosts offer: set-ups that ask for other light are refused."""
 
 from dataclasses import replace
-from typing import Any
 
 from hosts.middleware.session.errors import SessionError
-from wire.metadata.setup import SEAL_BYTES, Answer, Setup
-from wire.metadata.vocabulary import Reason, Service, Verdict
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.vocabulary import Reason, Service
 from wire.optical import ANY_WAVELENGTH, frequency_mhz
-from wire.outcomes import Pauli
 from wire.services import memory_of
 
 
@@ -30,21 +28,6 @@ def offer_nothing_but_0(settings: dict[str, int]) -> None:
     for name, value in settings.items():
         if value:
             raise SessionError(Reason.UNSUPPORTED, f"{name} {value}: only 0 is offered yet")
-
-
-def unanswered(setup: Setup, **changes: Any) -> Setup:
-    """Return what is asked of another host, as it was asked here but for changes: nobody's answer.
-
-    The controller judges and seals it again.
-    """
-    return replace(
-        setup,
-        verdict=Verdict.PENDING,
-        rotation=Pauli.I,
-        reason=Reason.OK,
-        seal=bytes(SEAL_BYTES),
-        **changes,
-    )
 
 
 def at_wavelength(setup: Setup, answer: Answer) -> Setup:
