@@ -5,6 +5,7 @@ import os
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -72,30 +73,25 @@ def call(arguments: argparse.Namespace) -> int:
     """Measure everything; a network that does not start is one line and a status."""
     try:
         require_root()
-        with Signals() as signals, tempfile.TemporaryDirectory(prefix="qmn-bench-") as folder:
-            for name, text in chain(sabot_speed(), physical_layer_benchmarks()):
-                show(name, text)
-            for name, text in overhead_benchmarks(Path(folder), signals):
-                show(name, text)
-            for name, text in stepped_benchmarks(Path(folder), signals):
-                show(name, text)
-            for name, text in sweep_benchmarks(Path(folder), signals):
-                show(name, text)
-            run(Path(folder), arguments.pairs, signals)
-            for name, text in key_benchmarks(Path(folder), signals):
-                show(name, text)
-            for name, text in teleport_benchmarks(Path(folder), signals):
-                show(name, text)
-            for name, text in swap_benchmarks(Path(folder), signals):
-                show(name, text)
-            for name, text in path_benchmarks(Path(folder), arguments.setups, signals):
-                show(name, text)
-            for framework in ("ryu", "os-ken"):
-                parts = controller_benchmarks(Path(folder) / framework, signals, framework)
-                for name, text in parts:
-                    show(name, text)
-            for name, text in many_hosts_benchmarks(Path(folder), arguments.hosts, signals):
-                show(name, text)
+        with Signals() as signals, tempfile.TemporaryDirectory(prefix="qmn-bench-") as name:
+            folder = Path(name)
+            figures = chain(
+                sabot_speed(),
+                physical_layer_benchmarks(),
+                overhead_benchmarks(folder, signals),
+                stepped_benchmarks(folder, signals),
+                sweep_benchmarks(folder, signals),
+                run(folder, arguments.pairs, signals),
+                key_benchmarks(folder, signals),
+                teleport_benchmarks(folder, signals),
+                swap_benchmarks(folder, signals),
+                path_benchmarks(folder, arguments.setups, signals),
+                controller_benchmarks(folder / "ryu", signals, "ryu"),
+                controller_benchmarks(folder / "os-ken", signals, "os-ken"),
+                many_hosts_benchmarks(folder, arguments.hosts, signals),
+            )
+            for what, text in figures:
+                print(f"{what:<34}{text}", flush=True)
     except Interrupted as error:
         print(f"qmn: {interrupted_words(error)}", file=sys.stderr)
         return error.status
@@ -105,30 +101,25 @@ def call(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def run(folder: Path, pairs: int, signals: Signals) -> None:
-    show("whole run, 1 KiB, native", f"{whole_run(folder):.1f} s")
+def run(folder: Path, pairs: int, signals: Signals) -> Iterator[tuple[str, str]]:
+    yield "whole run, 1 KiB, native", f"{whole_run(folder):.1f} s"
     with Network(SdcTopo, Runtime(log_folder=folder / "network"), signals) as network:
         network.capture("s1")
         seconds = send(network, os.urandom(MEBIBYTE), "framed")
-        show("framed, 1 MiB", f"{MEBIBYTE * PAIRS_PER_BYTE / seconds:,.0f} Bell pairs/s")
+        yield "framed, 1 MiB", f"{MEBIBYTE * PAIRS_PER_BYTE / seconds:,.0f} Bell pairs/s"
         connect_s, packet_in_s = baseline(network, pairs)
-        show("baseline: TCP connect and close", f"{connect_s * 1e3:.3f} ms")
-        show("baseline: packet-in to packet-out", f"{packet_in_s * 1e3:.3f} ms")
+        yield "baseline: TCP connect and close", f"{connect_s * 1e3:.3f} ms"
+        yield "baseline: packet-in to packet-out", f"{packet_in_s * 1e3:.3f} ms"
         size = max(pairs // PAIRS_PER_BYTE, 1)
         seconds, pairs = send(network, os.urandom(size), "per-pair"), size * PAIRS_PER_BYTE
         for live, pair_s, state in cost_by_live_pairs(network.runtime, LIVE_PAIRS):
-            show(
-                f"dispatcher, {live:,} live pairs",
-                f"{pair_s * 1e6:.2f} us a pair in blocks of {BLOCK_PAIRS:,}, "
-                f"{state:.1f} bytes of state a live pair",
-            )
+            cost = f"{pair_s * 1e6:.2f} us a pair in blocks of {BLOCK_PAIRS:,}"
+            text = f"{cost}, {state:.1f} bytes of state a live pair"
+            yield f"dispatcher, {live:,} live pairs", text
     each_s, baseline_s = seconds / pairs, connect_s + PACKET_INS_PER_PAIR * packet_in_s
-    show("per-pair", f"{1 / each_s:,.0f} Bell pairs/s, {each_s * 1e3:.3f} ms each")
-    show("per-pair to its baseline", f"{each_s / baseline_s:.2f} times {baseline_s * 1e3:.3f} ms")
-
-
-def show(name: str, text: str) -> None:
-    print(f"{name:<34}{text}", flush=True)
+    yield "per-pair", f"{1 / each_s:,.0f} Bell pairs/s, {each_s * 1e3:.3f} ms each"
+    times = f"{each_s / baseline_s:.2f} times {baseline_s * 1e3:.3f} ms"
+    yield "per-pair to its baseline", times
 
 
 def whole_run(folder: Path) -> float:
