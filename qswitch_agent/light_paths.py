@@ -105,7 +105,7 @@ class LightPaths:
         self.down: set[int] = set()  # ports inside the switch, by controllers
         self._hardware = hardware
         self._made: frozenset[CrossConnect] | None = None  # as planned; None: not all of it
-        self._standing: frozenset[CrossConnect] = frozenset()  # that the hardware took last
+        self.standing: frozenset[CrossConnect] = frozenset()  # that the hardware took last
         self._asked = 0  # counts the changes of the table
         self._answered = -1  # up to which of them the hardware has answered
         self._refused: Mapping[CrossConnect, str] = {}  # as of the last answer, and why
@@ -117,10 +117,6 @@ class LightPaths:
         self._added_ns: dict[int, int] = {}  # when entries came, by circuit
         self._idle: set[tuple[int, bytes, int]] = set()  # asked to be removed
         self._ended: set[int] = set()  # circuits of entries removed since the hardware was asked
-
-    @property
-    def standing(self) -> frozenset[CrossConnect]:
-        return self._standing
 
     def update(self, updates: Iterable[FlowUpdate]) -> None:
         """Take changes of the flow table; the hardware follows as soon as it can."""
@@ -263,13 +259,13 @@ class LightPaths:
         """Do what can be had of the table; return what cannot, and why."""
         plan = self.table.plan()
         ended, self._ended = self._ended, set()
-        closed = frozenset(path for path in self._standing if path.circuit in ended)
+        closed = frozenset(path for path in self.standing if path.circuit in ended)
         opened_again = {path[:2] for path in closed} & {path[:2] for path in plan.cross_connects}
         if plan.cross_connects == self._made and not opened_again:
             return plan.refused
         started = time.monotonic()
         if opened_again:  # it is dark in between, however soon one follows the other
-            await self._make(self._standing - closed)
+            await self._make(self.standing - closed)
         refused = await self._make(plan.cross_connects)
         opened = plan.cross_connects - refused.keys()
         self._made = None if refused else opened
@@ -285,7 +281,7 @@ class LightPaths:
         if not (reason := await self._refusal(paths)):
             return {}
         log.warning("the hardware refuses %s: %s; each is tried alone", _text(paths), reason)
-        before = {path[:2] for path in self._standing}
+        before = {path[:2] for path in self.standing}
         standing = frozenset(path for path in paths if path[:2] in before)
         if await self._refusal(standing):  # what stood cannot stand any more
             standing = frozenset()
@@ -304,7 +300,7 @@ class LightPaths:
             await self._hardware.set_cross_connects(paths)
         except HardwareRefusal as refusal:
             return str(refusal) or "it does not say why"
-        self._standing = paths
+        self.standing = paths
         return ""
 
 

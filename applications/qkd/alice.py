@@ -55,7 +55,7 @@ class Alice(End):
 
     def __init__(self, terms: Terms, decoys: Decoys | None = None) -> None:
         super().__init__(terms)
-        self._decoys = decoys
+        self.decoys = decoys
         self._records: deque[Known] = deque()
         self._early: deque[Detections] = deque()
         self._tests: deque[BellTest] = deque()  # likewise
@@ -68,7 +68,7 @@ class Alice(End):
     def add_block(self, record: Known) -> list[bytes]:
         if self.state is State.ABORTED:
             return []
-        if record.has_levels is (self._decoys is None):
+        if record.has_levels is (self.decoys is None):
             raise ValueError("levels are for decoys, and decoys need them: give both or none")
         if self.state is not State.SIFTING or self._enough:
             raise ValueError("a block after distil(): open a new session for it")
@@ -92,7 +92,7 @@ class Alice(End):
                 return self._tested(message)
             case State.SIFTING, Detections():
                 return self._announced(message)
-            case State.ESTIMATING, Intensities() if self._relayed and self._decoys is not None:
+            case State.ESTIMATING, Intensities() if self._relayed and self.decoys is not None:
                 return self._learn_bobs_levels(message)
             case State.ESTIMATING, Disclosed():
                 return self._compare(message)
@@ -176,11 +176,11 @@ class Alice(End):
         self._sample, self._raw = whole[mask], whole[~mask]
         self.state = State.ESTIMATING
         sample = Sample(whole.size, size, self._seed, pack(self._sample))
-        if self._decoys is None:
+        if self.decoys is None:
             return [sample]
         levels = pack_levels(self._levels)
         return [
-            self._decoys.message(whole.size, levels),
+            self.decoys.message(whole.size, levels),
             sample,
         ]
 

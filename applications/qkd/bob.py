@@ -160,7 +160,7 @@ class Bob(End):
             raise SessionFailed(
                 AbortReason.PARAMETERS, "alice's source has decoys, and bob's has none"
             )
-        self._decoys = Decoys.of(message)
+        self.decoys = Decoys.of(message)
         self._levels = unpack_levels(message.levels, message.count)
         return []
 
@@ -173,7 +173,7 @@ class Bob(End):
                 f"a sample of {message.size} of {message.sifted} bits, not {size} of {whole.size}",
             )
         self._judge_bell()
-        if self._bobs_decoys is not None and self._decoys is None:
+        if self._bobs_decoys is not None and self.decoys is None:
             raise SessionFailed(
                 AbortReason.PARAMETERS, "bob's source has decoys, and alice's has none"
             )
@@ -187,12 +187,12 @@ class Bob(End):
         return [*disclosures, *self._begin(message.seed)]
 
     def _begin(self, seed: bytes) -> list[QkdMessage]:
-        assert self._estimate
+        assert self.estimate
         self._corrector: Cascade | LdpcDecoding
         if self._parameters.reconciliation is Reconciliation.LDPC:
-            self._corrector = LdpcDecoding(self._raw, seed, self._estimate)
+            self._corrector = LdpcDecoding(self._raw, seed, self.estimate)
         else:
-            self._corrector = Cascade(self._raw, seed, self._estimate.qber)
+            self._corrector = Cascade(self._raw, seed, self.estimate.qber)
         self._questions = self._corrector.questions()
         self.state = State.RECONCILING
         return [self._question(next(self._questions))]

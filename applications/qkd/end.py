@@ -111,7 +111,7 @@ class End(ABC):
         self._clicks = self._pulses = 0
         self._parts: list[Bits] = []  # sifted, block by block
         self._bases: list[Bits] = []  # that they were measured in, likewise
-        self._decoys: Decoys | None = None
+        self.decoys: Decoys | None = None
         self._levels: Bits = NO_BITS  # intensities of the pulses of all sifted bits
         self._relayed = terms.relayed
         self._bobs_decoys: Decoys | None = None  # where he has sent pulses, too
@@ -119,7 +119,7 @@ class End(ABC):
         # Bits by the intensities of their pulses, once the sample is disclosed.
         self._counts: Sifted | PairSifted | None = None
         self._raw: Bits = NO_BITS  # what is left of them to make a key of
-        self._estimate: Estimate | None = None
+        self.estimate: Estimate | None = None
         self.bell = Correlations()
         self._errors = self._leaked = 0
         self.state = State.SIFTING
@@ -143,13 +143,9 @@ class End(ABC):
     @property
     def single_share(self) -> float:
         """The share of the sifted bits that single photons have brought at least."""
-        if self._decoys is not None:
+        if self.decoys is not None:
             return self._single_share_by_decoys
         return self._parameters.single_share(self._pulses, self.sifted_bits)
-
-    @property
-    def decoys(self) -> Decoys | None:
-        return self._decoys
 
     @property
     def _single_share_by_decoys(self) -> float:
@@ -161,19 +157,14 @@ class End(ABC):
         eps = self._parameters.eps_of_counts
         if isinstance(self._counts, PairSifted):
             return relayed_bounds(self._both_decoys, self._counts, eps)
-        assert self._decoys is not None
+        assert self.decoys is not None
         assert self._counts is not None
-        return bounds(self._decoys, self._counts, eps)
-
-    @property
-    def estimate(self) -> Estimate | None:
-        """The error rate of the disclosed sample; None before there is one."""
-        return self._estimate
+        return bounds(self.decoys, self._counts, eps)
 
     @property
     def report(self) -> Report:
         """Counts for the application and for diagnosis, also of a session without a key."""
-        estimate = self._estimate
+        estimate = self.estimate
         return Report(
             self._clicks,
             self.sifted_bits,
@@ -248,13 +239,13 @@ class End(ABC):
     @property
     def _both_decoys(self) -> tuple[Decoys, Decoys]:
         """Alice's and bob's, once both are known."""
-        assert self._decoys is not None
+        assert self.decoys is not None
         assert self._bobs_decoys is not None
-        return self._decoys, self._bobs_decoys
+        return self.decoys, self._bobs_decoys
 
     @property
     def _rule(self) -> Rule:
-        if self._decoys is None:
+        if self.decoys is None:
             return Rule.SAMPLE
         return Rule.BASIS_AND_SAMPLE if self._relayed else Rule.BASIS
 
@@ -286,7 +277,7 @@ class End(ABC):
 
     def _judge(self, estimate: Estimate, *first: QkdMessage) -> None:
         """Note the error rate; raise SessionFailed if no key is possible."""
-        self._estimate = estimate
+        self.estimate = estimate
         if estimate.qber > self._parameters.max_qber:
             raise SessionFailed(
                 AbortReason.NOISY,
@@ -314,20 +305,20 @@ class End(ABC):
             )
 
     def _key_length(self, leaked_bits: int) -> int:
-        assert self._estimate
-        estimate = self._estimate
+        assert self.estimate
+        estimate = self.estimate
         if isinstance(self._counts, PairSifted):
             return self._parameters.relayed_key_length(self._both_decoys, self._counts, leaked_bits)
-        if self._decoys is not None and self._counts is not None:
-            return self._parameters.decoy_key_length(self._decoys, self._counts, leaked_bits)
+        if self.decoys is not None and self._counts is not None:
+            return self._parameters.decoy_key_length(self.decoys, self._counts, leaked_bits)
         return self._parameters.key_length(
             self._raw.size, estimate.sample, estimate.qber, leaked_bits, self._pulses
         )
 
     def _too_short(self) -> str:
-        assert self._estimate
-        text = f"no secret bit in {self._raw.size} bits at a QBER of {self._estimate.qber:.4f}"
-        if self._decoys is not None:
+        assert self.estimate
+        text = f"no secret bit in {self._raw.size} bits at a QBER of {self.estimate.qber:.4f}"
+        if self.decoys is not None:
             return (
                 f"{text}, of which {self.single_share:.1%} are of single photons as decoys say: "
                 "lose less of the light, sift more in one session, or look for an eavesdropper"
@@ -343,10 +334,10 @@ class End(ABC):
 
     def _bits_wanted(self) -> str:
         """Return how many sifted bits would make a key at this error rate, as the end of a text."""
-        assert self._estimate
-        qber, size = self._estimate.qber, self._raw.size + self._estimate.sample
+        assert self.estimate
+        qber, size = self.estimate.qber, self._raw.size + self.estimate.sample
         for bits in (size << doubled for doubled in range(1, DOUBLINGS)):
-            sample = round(bits * self._estimate.sample / size)
+            sample = round(bits * self.estimate.sample / size)
             left = bits - sample
             leaked = int(left * binary_entropy(qber))
             if self._parameters.key_length(left, sample, qber, leaked, 0):

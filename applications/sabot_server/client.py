@@ -47,7 +47,7 @@ class RemoteSabot:
         self._socket = socket
         self._channel = grpc.insecure_channel(f"unix:{socket}", CHANNEL_OPTIONS)
         self._stub = SabotStub(self._channel)  # type: ignore[no-untyped-call]
-        self._backend = backend
+        self.backend = backend
         self._one_backend = backend == "chp"  # only gates that are not Clifford bring another
         self._done = messages.Done()
         begun = self._call(self._stub.Begin, messages.BeginRequest(backend=backend))
@@ -62,10 +62,6 @@ class RemoteSabot:
         self._channel.close()
 
     @property
-    def backend(self) -> str:
-        return self._backend
-
-    @property
     def live_qubits(self) -> int:
         return self._done.live_qubits
 
@@ -75,7 +71,7 @@ class RemoteSabot:
 
     def simulated_by(self, *registers: Register) -> str:
         if self._one_backend or not registers:
-            return self._backend
+            return self.backend
         names: set[str] = set()
         for register in registers:
             request = messages.DumpRequest(workspace=self._workspace, registers=[_number(register)])

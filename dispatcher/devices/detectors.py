@@ -107,13 +107,8 @@ class DetectorPair:
         self._detectors = Detector(device), Detector(device)
         self._dark = -float(np.expm1(-device.dark_count_hz * device.gate_s))
         lower = device.efficiency * (1 - device.efficiency_mismatch)
-        self._efficiencies = np.array([device.efficiency, lower])  # by the bit that they tell
+        self.efficiencies = np.array([device.efficiency, lower])  # by the bit that they tell
         self._remembers = device.dead_time_s > 0 or device.afterpulse_probability > 0
-
-    @property
-    def efficiencies(self) -> NDArray[np.float64]:
-        """How likely each sees a photon of its bit; the second is not the better one."""
-        return self._efficiencies
 
     @property
     def ideal(self) -> bool:
@@ -235,7 +230,7 @@ class DetectorPair:
     def _meeting(self, extra_pairs: ExtraBits, random: PhotonRandom) -> ExtraBits:
         """Draw which further photons make the detector of their bit click."""
         drawn = random.generator("efficiency of further").random(extra_pairs.bits.size)
-        met = drawn < self._efficiencies[extra_pairs.bits]
+        met = drawn < self.efficiencies[extra_pairs.bits]
         return ExtraBits(extra_pairs.pulses[met], extra_pairs.bits[met])
 
     def _add(self, light: list[Mask], extras: Bits, random: PhotonRandom) -> None:
@@ -244,8 +239,8 @@ class DetectorPair:
         drawn = random.generator("further photons").random(pulses.size)
         # Of n photons none clicks in one detector with (1 - e/2)^n, each with its own e.
         photons = extras[pulses].astype(np.float64)
-        neither = (1 - self._efficiencies.sum() / 2) ** photons
-        zero, one = ((1 - other / 2) ** photons - neither for other in self._efficiencies[::-1])
+        neither = (1 - self.efficiencies.sum() / 2) ** photons
+        zero, one = ((1 - other / 2) ** photons - neither for other in self.efficiencies[::-1])
         both = drawn >= neither + zero + one
         light[0][pulses] |= both | ((drawn >= neither) & (drawn < neither + zero))
         light[1][pulses] |= both | ((drawn >= neither + zero) & ~both)

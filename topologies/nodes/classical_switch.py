@@ -40,7 +40,7 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
             "reconnectms": RECONNECT_MS,
         }
         super().__init__(name, **{**params, **settings})
-        self._laid = False
+        self.stands = False
         self.network.bridges[name] = self
 
     @classmethod
@@ -98,7 +98,7 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
 
     def lay(self) -> None:
         """Make the bridge with its ports, which nobody programs yet."""
-        if self._laid:
+        if self.stands:
             return
         ports = [port for port in self.intfList() if self.ports[port] and not port.IP()]
         columns = {str(port): self._columns(port) for port in ports}
@@ -106,7 +106,7 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
         openvswitch.change(*bridge_words(self.name, options, columns))
         for port in self.intfList():
             self.TCReapply(port)  # Open vSwitch has overwritten it
-        self._laid = True
+        self.stands = True
 
     def _columns(self, port: Intf) -> list[str]:
         """Return what Mininet sets of a port's interface, after `-- set Interface NAME`."""
@@ -120,10 +120,6 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
         rows = ",".join(f"@{self.name}c{number}" for number in range(len(targets)))
         openvswitch.change(*words, "--", "set", "bridge", self.name, f"controller=[{rows}]")
         self._uuids: list[str] = []  # in which Mininet keeps the rows of before
-
-    @property
-    def stands(self) -> bool:
-        return self._laid
 
     def _patience(self, controller: str) -> dict[str, int]:
         """Let Open vSwitch wait as long for a controller as the way there takes.
@@ -147,7 +143,7 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
         Mininet would end the node's shell, too, and could not start it again.
         """
         openvswitch.delete(self.name)
-        self._laid = False
+        self.stands = False
         if deleteIntfs:
             self.deleteIntfs()
 

@@ -60,7 +60,7 @@ class Arrangement:
 
     def __init__(self, setup: Setup, peer: tuple[str, str], source: str, light: Light) -> None:
         """Prepare it; peer is name and address, source a name."""
-        self._setup, self._peer, self._source, self._light = setup, peer, source, light
+        self._setup, self._peer, self.source, self._light = setup, peer, source, light
         self._pairs: MetadataChannel | None = None
         self._source_turn = asyncio.Lock()
         self._questions: set[asyncio.Task[None]] = set()
@@ -69,11 +69,6 @@ class Arrangement:
     @property
     def peer(self) -> str:
         return self._peer[0]
-
-    @property
-    def source(self) -> str:
-        """Name of the host that makes the pairs."""
-        return self._source
 
     async def open(self, timeout_s: float = ANSWER_TIMEOUT_S) -> Answer:
         """Arrange light paths; return what the peer accepts in time, or raise SessionError.
@@ -105,7 +100,7 @@ class Arrangement:
 
     async def engage_source(self) -> None:
         """Connect to the pair source of the session; raise SessionError if it refuses."""
-        self._pairs = await MetadataChannel.connect(self._source, self._setup.source)
+        self._pairs = await MetadataChannel.connect(self.source, self._setup.source)
         relayed = is_relayed(Service(self._setup.service))
         memory = MemoryState.RELAYED if relayed else self._setup.memory
         await self._pairs.request(replace(self._setup, service=Service.PAIR_SOURCE, memory=memory))
