@@ -7,31 +7,14 @@ from pathlib import Path
 import pytest
 from limits import SOON_S
 from live_page import browser
+from live_view_scene import PRESSED, press
 from loaded import running_qmn
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 from test_live_page_of_a_network import ADDRESS, network_with_a_page
 
 from views.live.acts import ACTS
 
 DEADLINE_MS = 1000 * SOON_S
-FIBER, SWITCH, HOST = re.compile("^fibre alice-q0"), "quantum switch q1", "host alice"
-FRAME = {"setting": "frame-bytes"}
-Press = tuple[str | re.Pattern[str], dict[str, str], str, str]
-PRESSED: list[Press] = [  # what is chosen, what is typed, the button, the command
-    (HOST, {}, "send", "send alice bob hello"),
-    (HOST, FRAME | {"value": "64"}, "set", "set host alice frame-bytes 64"),
-    (HOST, FRAME | {"value": "default"}, "set", "set host alice frame-bytes default"),
-    (HOST, {}, "reload the policy", "set policy reload"),
-    (FIBER, {}, "cut", "set link alice q1 down"),
-    (FIBER, {}, "mend", "set link alice q1 up"),
-    (FIBER, {"fraction measured": "0.5"}, "put eve on it", "set tap alice q1 0.5"),
-    (FIBER, {}, "take eve off", "set tap alice q1 0"),
-    (FIBER, {"mW": "2"}, "classical light", "set classical alice q1 2"),
-    (FIBER, {}, "calibrate", "set calibrate alice q1"),
-    (SWITCH, {"in port": "2", "out port": "3"}, "stuck", "set fault q1 stuck 2 3"),
-    (SWITCH, {"°C": "80"}, "temperature", "set fault q1 temperature 80"),
-    (SWITCH, {}, "repair", "set fault q1 repair"),
-]
 SEEN = {  # what the drawing shows behind a command: how many there are of what
     "set link alice q1 down": (".fiber.cut", 1),
     "set link alice q1 up": (".fiber.cut", 0),
@@ -42,6 +25,7 @@ SEEN = {  # what the drawing shows behind a command: how many there are of what
 }
 
 
+@pytest.mark.nightly
 @pytest.mark.timeout(500)
 def test_every_button_does_what_its_command_does(tmp_path: Path) -> None:
     with network_with_a_page(tmp_path) as url, browser() as chromium:
@@ -87,19 +71,3 @@ def test_the_page_of_an_attack_goes_from_its_first_network_to_its_second() -> No
         page.close()
     assert reports == [["announcements", "off", "20"], ["announcements", "on", "0"]]
     assert attack.returncode == 0
-
-
-def press(
-    page: Page, chosen: str | re.Pattern[str], typed: dict[str, str], button: str, command: str
-) -> None:
-    """Choose a thing, type into the fields of a button, press it, and wait until it is done."""
-    page.get_by_role("button", name=chosen).first.press("Enter")
-    at = page.locator("#chosen")
-    form = at.locator("form").filter(has=page.get_by_role("button", name=button, exact=True))
-    for label, text in typed.items():
-        form.get_by_label(label).fill(text)
-    form.get_by_role("button", name=button, exact=True).click()
-    output = at.locator("p[role=status]")
-    expect(output).to_contain_text(f"qmn {command}")
-    expect(output).to_have_class("good")
-    expect(output).to_be_in_viewport(ratio=0.9)

@@ -1,12 +1,13 @@
 """A browser on the live page of a network, and what hosts of it report."""
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from limits import SOON_S
 from live_page import browser
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, Page, expect
 from recorded_run import START_NS
 
 from views.live.server import View
@@ -55,6 +56,24 @@ def light(view: View, t: float) -> None:
     tell(view, t + 0.002, "store", "bob", **block)
 
 
+FIBER, SWITCH, HOST = re.compile("^fibre alice-q0"), "quantum switch q1", "host alice"
+FRAME = {"setting": "frame-bytes"}
+Press = tuple[str | re.Pattern[str], dict[str, str], str, str]
+PRESSED: list[Press] = [  # what is chosen, what is typed, the button, the command
+    (HOST, {}, "send", "send alice bob hello"),
+    (HOST, FRAME | {"value": "64"}, "set", "set host alice frame-bytes 64"),
+    (HOST, FRAME | {"value": "default"}, "set", "set host alice frame-bytes default"),
+    (HOST, {}, "reload the policy", "set policy reload"),
+    (FIBER, {}, "cut", "set link alice q1 down"),
+    (FIBER, {}, "mend", "set link alice q1 up"),
+    (FIBER, {"fraction measured": "0.5"}, "put eve on it", "set tap alice q1 0.5"),
+    (FIBER, {}, "take eve off", "set tap alice q1 0"),
+    (FIBER, {"mW": "2"}, "classical light", "set classical alice q1 2"),
+    (FIBER, {}, "calibrate", "set calibrate alice q1"),
+    (SWITCH, {"in port": "2", "out port": "3"}, "stuck", "set fault q1 stuck 2 3"),
+    (SWITCH, {"°C": "80"}, "temperature", "set fault q1 temperature 80"),
+    (SWITCH, {}, "repair", "set fault q1 repair"),
+]
 BOX = "document.getElementById('network').viewBox.baseVal"
 
 
@@ -86,3 +105,19 @@ def overlaps(page: Page, selector: str) -> list[str]:
             if max(across, down) < -1:
                 found.append(f"{name} {other}")
     return found
+
+
+def press(
+    page: Page, chosen: str | re.Pattern[str], typed: dict[str, str], button: str, command: str
+) -> None:
+    """Choose a thing, type into the fields of a button, press it, and wait until it is done."""
+    page.get_by_role("button", name=chosen).first.press("Enter")
+    at = page.locator("#chosen")
+    form = at.locator("form").filter(has=page.get_by_role("button", name=button, exact=True))
+    for label, text in typed.items():
+        form.get_by_label(label).fill(text)
+    form.get_by_role("button", name=button, exact=True).click()
+    output = at.locator("p[role=status]")
+    expect(output).to_contain_text(f"qmn {command}")
+    expect(output).to_have_class("good")
+    expect(output).to_be_in_viewport(ratio=0.9)

@@ -1,7 +1,6 @@
 """The live view as Chromium shows it: large and small, by mouse and keyboard, to its end."""
 
 import re
-import sys
 import time
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from playwright.sync_api import Browser, expect
 from recorded_run import START_NS, record_run
 
 from views.key_links import KeyLink
-from views.live import acts, pace
+from views.live import pace
 from views.live.layout import described
 from views.live.server import View
 from views.live.sources import timeline_of_run
@@ -454,52 +453,6 @@ def test_a_network_that_is_gone_is_told(chromium: Browser, tmp_path: Path) -> No
     page.get_by_role("button", name="reload the policy").click()
     expect(page.locator("#chosen .failed")).to_contain_text("has the network ended?")
     page.close()
-
-
-# `qmn` as if networks had their files elsewhere: this machine may run some. No root is asked for.
-QMN_ELSEWHERE = """import sys
-from pathlib import Path
-from topologies.system import namespaces
-from topologies.system.runs import runtime
-runtime.RUNTIME_ROOT = namespaces.RUNTIME_ROOT = Path({folder!r})
-from qmn import __main__
-__main__.become_root = lambda words: None
-sys.exit(__main__.main())
-"""
-
-
-def test_an_act_shows_its_command_and_what_came_of_it(
-    chromium: Browser, tmp_path: Path, text: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "run").mkdir()
-    code = QMN_ELSEWHERE.format(folder=str(tmp_path / "run"))
-    monkeypatch.setattr(acts, "QMN", (sys.executable, "-c", code))
-    view = live(tmp_path)
-    with served(view) as url:
-        page = opened(chromium, url, text)
-        fiber = page.get_by_role("button", name=re.compile("^fibre alice-q0"))
-        fiber.focus()
-        page.keyboard.press("Enter")
-        page.get_by_role("button", name="cut").click()
-        answer = page.locator("#chosen .failed")  # no network runs here
-        expect(answer).to_contain_text("qmn set link alice q1 down")
-        expect(answer).to_contain_text("qmn: no network")
-        decided = page.locator("#decisions li").first
-        expect(decided).to_contain_text("you qmn set link alice q1 down")
-        page.close()
-    command = '"command": ["set", "link", "alice", "q1", "down"]'
-    assert command in (tmp_path / "acts.jsonl").read_text()
-
-
-def test_nothing_can_be_done_in_a_view_to_be_looked_at(
-    chromium: Browser, tmp_path: Path, text: list[str]
-) -> None:
-    with served(live(tmp_path, acts=False)) as url:
-        page = opened(chromium, url, text)
-        page.get_by_role("button", name="host alice").click()
-        expect(page.locator("#chosen")).to_contain_text("This page is read-only")
-        expect(page.locator("#chosen form")).to_have_count(0)
-        page.close()
 
 
 def test_a_network_that_goes_on_can_be_paused_and_played_at_another_speed(
