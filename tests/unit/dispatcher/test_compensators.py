@@ -325,6 +325,11 @@ def test_an_error_rate_beyond_its_limit_has_light_interrupted(limit: float) -> N
     assert within(lost // 100, 300, 1 - kept(limit))
 
 
+def test_an_error_rate_at_its_limit_interrupts_nothing() -> None:
+    part = replace(IDEAL, every_s=0.02, measuring_s=0.01, reference="error-rate", error_limit=0.0)
+    assert wrong(part, polarization_drift_rad_per_sqrt_km=0.0).size == COUNT
+
+
 def test_an_error_rate_is_undone_as_reference_light_is() -> None:
     part = replace(IDEAL, every_s=0.05, measuring_s=0.01, reference="error-rate")
     found = wrong(part)
