@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from test_results_fit_schema import require_schema
 
 from applications.ghz.service import GhzFigures
 from qmn.jobs.counted_service import PARTS
@@ -146,7 +147,8 @@ def test_programs_follow_each_other_on_a_network_beside_other_jobs(tmp_path: Pat
         ):
             with pytest.raises(BadInput, match=why):
                 network.run("netqasm", **options)
-    assert (tmp_path / "left" / "2-netqasm" / "result.json").is_file()
+    require_schema(tmp_path / "left")
+    require_schema(tmp_path / "left" / "2-netqasm")
 
 
 def test_eve_takes_another_fraction_of_the_light_of_each_job() -> None:

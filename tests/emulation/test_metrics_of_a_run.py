@@ -10,6 +10,7 @@ import pytest
 from conftest import qmn_words, wait_until
 from loaded import running_qmn
 from prometheus_client.parser import text_string_to_metric_families
+from test_results_fit_schema import require_schema
 
 from topologies.system.processes.programs import ROOT
 
@@ -64,6 +65,7 @@ def test_a_run_tells_its_metrics_while_it_lasts(tmp_path: Path, controller: str)
         assert queried() - served <= {"qmn_hardware_refusals_total"}  # there is none yet
         output = run.finish(60)
     assert run.returncode == 0, output
+    require_schema(tmp_path / "latest")
     for url in found.values():
         assert re.search(re.escape(url), output)
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
