@@ -13,6 +13,7 @@ from conftest import TSHARK, typed
 from fabric_scene import NOISE, facts, served
 from loaded import run_qmn
 from scapy.utils import rdpcap
+from test_results_fit_schema import require_schema
 
 import views.dissection.scapy_layers  # noqa: F401 (binds the layers)
 from applications.qkd.messages import Confirm, Proposal
@@ -33,7 +34,18 @@ LIAR = Path(__file__).parents[2] / "docs" / "mdi" / "lying_relay.py"
 def run_qkd(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str], dict[str, Any]]:
     """Distribute keys; return the process, and the result."""
     done = run_qmn("run", "qkd", *words, "--without", "report", "--runs", str(runs))
+    require_schema(runs / "latest")
     return done, json.loads((runs / "latest" / "result.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """Return the folder, with `keys` in it, and the result of a run that keeps keys."""
+    folder = tmp_path_factory.mktemp("kept")
+    words = ("--depolarizing", "0.01", "--count", "20000", "--keys", str(folder / "keys"))
+    done, result = run_qkd(folder, *words)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder, result
 
 
 @pytest.mark.parametrize("protocol", list(FIBERS))
@@ -61,23 +73,23 @@ def test_keys_are_the_same_in_the_stores_of_both_hosts(
         assert mine != "first" or len(ours[report["first_key_id"]]) == 32
 
 
-def test_what_a_run_leaves_behind_tells_no_key(tmp_path: Path) -> None:
-    keys = tmp_path / "keys"
-    done, result = run_qkd(tmp_path, "--count", "20000", "--keys", str(keys))
-    assert done.returncode == 0, done.stdout + done.stderr
+def test_what_a_run_leaves_behind_tells_no_key(kept: tuple[Path, dict[str, Any]]) -> None:
+    there, result = kept
+    keys = there / "keys"
     (folder,) = keys.glob("alice/bob/first")
     key = (folder / result["job"]["asking"]["first_key_id"]).read_bytes()
-    for file in (tmp_path / "latest").iterdir():
+    for file in (there / "latest").iterdir():
         content = file.read_bytes()
         assert key not in content
         assert key.hex().encode() not in content
     assert {path.stat().st_mode & 0o777 for path in keys.rglob("*") if path.is_dir()} == {0o700}
 
 
-def test_what_the_hosts_say_of_keys_is_read_from_the_captures(tmp_path: Path) -> None:
-    done, result = run_qkd(tmp_path, "--depolarizing", "0.01", "--count", "20000")
-    assert done.returncode == 0, done.stdout + done.stderr
-    folder = tmp_path / "latest"
+def test_what_the_hosts_say_of_keys_is_read_from_the_captures(
+    kept: tuple[Path, dict[str, Any]],
+) -> None:
+    there, result = kept
+    folder = there / "latest"
     for wanted, count in (("qkd.malformed || qmeta.malformed", 0), ('qkd.kind == "Confirm"', 1)):
         assert len(shown(folder, wanted)) == count, wanted
     texts = {host: said_of_keys(folder, host) for host in ("10.0.0.1", "10.0.0.2")}
@@ -117,7 +129,7 @@ def test_above_the_threshold_the_run_fails_and_no_key_is_kept(tmp_path: Path) ->
     assert [path for path in keys.rglob("*") if path.is_file()] == []
 
 
-@pytest.mark.by_day(every=4)
+@pytest.mark.nightly
 @pytest.mark.parametrize("protocol", list(FIBERS))
 def test_eve_on_the_fibre_causes_a_quarter_of_her_fraction_in_errors(
     tmp_path: Path, protocol: str

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import TSHARK
-from fabric_scene import served
+from conftest import TSHARK, policy
+from fabric_scene import served, session
 from limits import SOON_S
 from loaded import run_qmn
+from test_results_fit_schema import require_schema
 
+from hosts.stack_socket import QuantumSocketError
 from topologies.networks.network import Network
 
 
@@ -21,6 +23,7 @@ def run_service(runs: Path, *words: str, report: bool = False) -> dict[str, Any]
     reply = [] if report else ["--without", "report"]
     done = run_qmn("run", *words, "--runs", str(runs), *reply)
     assert done.returncode == 0, done.stdout + done.stderr
+    require_schema(runs / "latest")
     result: dict[str, Any] = json.loads((runs / "latest" / "result.json").read_text())
     return result
 
@@ -87,11 +90,10 @@ def test_states_are_teleported_over_two_switches(chain_network: Network) -> None
     assert (report["states"], report["fidelity"]) == (1000, 1)
 
 
-def test_a_policy_may_allow_one_service_and_no_other(tmp_path: Path) -> None:
-    policy = tmp_path / "policy.toml"
-    policy.write_text('default = "deny"\n[[rule]]\naction = "allow"\nservice = "teleport"\n')
-    words = ("--policy", str(policy))
-    assert run_service(tmp_path, "teleport", "--count", "100", *words)["delivered"]
-    done = run_qmn("run", "sdc", "--runs", str(tmp_path), *words)
-    assert done.returncode == 1
-    assert "policy does not allow" in done.stderr
+def test_a_policy_may_allow_one_service_and_no_other(shared_network: Network) -> None:
+    text = 'default = "deny"\n[[rule]]\naction = "allow"\nservice = "teleport"\n'
+    with policy(shared_network, text):
+        assert served(shared_network, "teleport", "alice", "bob", count=100)["states"] == 100
+        refused = pytest.raises(QuantumSocketError, match="policy does not allow")
+        with refused, session(shared_network, "alice", "bob"):
+            pass
