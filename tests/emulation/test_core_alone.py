@@ -20,7 +20,7 @@ ROOMS = (
     *("topologies", "wire"),
 )
 REGISTERED = ("qmn.services", "qmn.service_verbs", "qmn.jobs", "qmn.standing_jobs")
-BY_DAY = slice(2, None, 8)  # of the files of a room: some that take no time
+BY_DAY = slice(2, None, 32)  # of the files of a room: some that take no time
 
 
 def mention_of_packages() -> re.Pattern[str]:

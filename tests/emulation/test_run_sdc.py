@@ -14,6 +14,7 @@ from conftest import ROOT, qmn, qmn_command, verb
 from limits import PROGRAM_S, SOON_S
 from scapy.layers.inet import IP, TCP
 from scapy.utils import PcapReader, rdpcap
+from test_results_fit_schema import require_schema
 
 from topologies.system.processes.programs import ENVIRONMENT
 from wire.malformed import MalformedPacket
@@ -50,6 +51,7 @@ def run(runs: Path, *arguments: str) -> dict[str, Any]:
     """Run to success and return the result."""
     done = qmn(*arguments, runs=runs)
     assert done.returncode == 0, done.stdout + done.stderr
+    require_schema(runs / "latest")
     result: dict[str, Any] = json.loads((runs / "latest" / "result.json").read_text())
     return result
 
@@ -238,7 +240,7 @@ def test_a_noise_model_that_answers_nonsense_ends_the_run_and_is_named(tmp_path:
 
 def test_losses_and_errors_are_repaired_and_counted(tmp_path: Path) -> None:
     file = tmp_path / "file"
-    file.write_bytes(bytes(range(256)) * 8)
+    file.write_bytes(bytes(range(256)) * 2)
     options = ["--length-km", "1", "--loss-db-per-km", "0.5", "--depolarizing", "0.004"]
     result = run(tmp_path, "--file", str(file), *options, "--frame-bytes", "32")
     assert (tmp_path / "latest" / "received").read_bytes() == file.read_bytes()

@@ -64,7 +64,8 @@ def test_tags_of_two_hosts_have_their_offset_errors_and_rates(tmp_path: Path) ->
     assert abs(qber - asking["qber"]) < 5 * sqrt(qber * (1 - qber) / asking["disclosed_bits"])
 
 
-@pytest.mark.parametrize("length_m", [0.001, 0.005])
+@pytest.mark.by_day(every=2)
+@pytest.mark.parametrize("length_m", [0.005, 0.001])
 def test_tags_of_a_bell_analyser_have_the_dip_of_hong_ou_and_mandel(
     length_m: float, tmp_path: Path
 ) -> None:
