@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
@@ -99,6 +100,14 @@ def test_a_tag_of_another_version_is_refused(tmp_path: Path) -> None:
     right = tagged(tmp_path / "right", "v0.1.0")
     assert "sdist and wheel" in right
     assert "the tag" not in right
+
+
+def test_the_changelog_begins_with_the_version_and_if_released_its_date() -> None:
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    released = yaml.safe_load((ROOT / "CITATION.cff").read_text()).get("date-released")
+    heading = re.findall(r"^## (.*)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[0]
+    assert heading == (f"{version} ({released})" if released else version.removesuffix(".dev0"))
+    assert version.endswith(".dev0") == (released is None)
 
 
 def test_a_tag_pushes_the_image_that_make_release_builds() -> None:
