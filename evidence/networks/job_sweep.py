@@ -92,7 +92,8 @@ def grid_of(job: str, chosen: Mapping[str, object]) -> Grid:
     chosen = dict(chosen)
     if isinstance(named := chosen.pop("topology", None), str):
         chosen = {**_shape(named), **chosen}
-    names = sorted(chosen, key=is_at_start, reverse=True)  # points of a network are neighbours
+    # Points of a network are neighbours, and those of one setting of its memories.
+    names = sorted(chosen, key=lambda name: (is_at_start(name), "." in name), reverse=True)
     parameters = {name: parameter_of(job, name) for name in names}
     for name in SEVERAL & parameters.keys():
         parameters[name] = Parameter(name, "", choices=tuple(str(chosen[name]).split(",")))

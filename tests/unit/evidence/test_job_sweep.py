@@ -46,6 +46,13 @@ def test_axes_are_options_and_settings_of_every_host() -> None:
     }
 
 
+def test_axes_of_parts_come_before_those_of_the_job_in_rows_and_names() -> None:
+    """As docs/researchers.md reads the table of its sweep."""
+    chosen = {"count": "2", "sample": "0.5", "node.memory.t2_s": "1,2", "switches": "1:2"}
+    experiment = grid_of("swap", {**chosen, "length_km": "10"}).experiment
+    assert experiment.file == "swap-switches-length_km-node.memory.t2_s-count-sample"
+
+
 def test_the_memories_of_all_nodes_of_a_swap_are_those_of_switches_too() -> None:
     values: Values = {"node.memory.t2_s": 0.5}
     assert options_of("swap", values, 7)["switch"] == ["memory.t2_s=0.5"]
