@@ -62,10 +62,11 @@ class Parameter:
         if self.choices:
             return f"choose {', '.join(self.choices)}"
         number = " (a whole number)" if self.whole else ""
-        if self.most == math.inf:
-            kind = "whole number" if self.whole else "number"
-            return f"choose a {kind}{f' of {self.unit}' if self.unit else ''}"
+        if self.least == -math.inf:
+            return f"choose a number{f' of {self.unit}' if self.unit else ''}"
         unit = f" {self.unit}" if self.unit else ""
+        if self.most == math.inf:
+            return f"choose {self.least:g}{unit} or more{number}"
         return f"choose {self.least:g} to {self.most:g}{unit}{number}"
 
     @property
