@@ -23,7 +23,7 @@ from hosts.middleware.services.source import check_source, make_pairs
 from hosts.middleware.session.arrangement import Arrangement, Light
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.ends import ConnectionEnd
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import SessionError, unsupported
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.node_features import refusal
 from hosts.middleware.session.offers import check_wavelength
@@ -116,7 +116,7 @@ class Stack:
         """Have the compensator look so often, as its device says if nothing is set."""
         if not self._config.compensates:
             text = "no compensator here: give the host's device compensator.retarders, 3 or 4"
-            raise SessionError(Reason.UNSUPPORTED, text)
+            raise unsupported(text)
         self._qnic.compensate(every_s)
 
     def request(self, fields: dict[str, Any], number: int | None = None) -> OpeningSession:
@@ -128,7 +128,7 @@ class Stack:
         kind = NAMED.get(name) if isinstance(name, str) else None
         if kind is None:
             text = f"unknown service {name!r}: {remedy(str(name), sorted(NAMED))}"
-            raise SessionError(Reason.UNSUPPORTED, text)
+            raise unsupported(text)
         options = kind.options.from_fields(fields)
         peer = self._peer(options.host)
         source, address = self._peer(self._source_of(options))
@@ -180,7 +180,7 @@ class Stack:
         kind = KINDS.get(Service(setup.service))
         if kind is None:
             text = f"this host does not offer {Service(setup.service).name}"
-            raise SessionError(Reason.UNSUPPORTED, text)
+            raise unsupported(text)
         joins = setup.handshake == Handshake.ONE_PAIR and Handshake.ONE_PAIR in kind.handshakes
         return self._join if joins else self._accept
 

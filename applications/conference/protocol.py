@@ -35,7 +35,7 @@ from applications.qkd.bits import Bits
 from applications.qkd.conference import Contradiction, Pools
 from applications.qkd.conference_proposal import ConferenceProposal
 from applications.qkd.key_store import KEY_BITS, key_id
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import SessionError, unsupported
 from hosts.middleware.session.protocol import Hear, Say, Steps
 from hosts.middleware.session.values import Numbers
 from wire.malformed import MalformedPacket
@@ -113,4 +113,4 @@ class ConferenceOptions(GhzOptions):
             value = getattr(self, name)
             if not isinstance(value, float) or not 0 < value < most:
                 text = f"{name} {value!r}: choose a fraction between 0 and {most}"
-                raise SessionError(Reason.UNSUPPORTED, text)
+                raise unsupported(text)

@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass
 
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import unsupported
 from hosts.middleware.session.options import MAX_COUNT, ServiceOptions
-from wire.metadata.vocabulary import Reason
 from wire.parameters.option import option
 
 LEAST_HOSTS, MOST_HOSTS = 2, 16  # of two it is a Bell pair
@@ -29,11 +28,11 @@ class GhzOptions(ServiceOptions):
     def check(self) -> None:
         super().check()
         if not isinstance(self.line, str):
-            raise SessionError(Reason.UNSUPPORTED, f"line {self.line!r}: write A,B,C")
+            raise unsupported(f"line {self.line!r}: write A,B,C")
         names = self.names
         if not LEAST_HOSTS <= len(set(names)) == len(names) <= MOST_HOSTS:
             text = f"line {self.line}: name {LEAST_HOSTS} to {MOST_HOSTS}, each once, as A,B,C"
-            raise SessionError(Reason.UNSUPPORTED, text)
+            raise unsupported(text)
         if names[1] != self.host:
             text = f"line {self.line}: {self.host} is asked, so it has to be the second"
-            raise SessionError(Reason.UNSUPPORTED, text)
+            raise unsupported(text)

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 from applications.ghz.options import GhzOptions
 from applications.graph_states.graph import NAMED, Graph, read_graph
-from hosts.middleware.session.errors import SessionError
-from wire.metadata.vocabulary import Reason
+from hosts.middleware.session.errors import unsupported
 from wire.parameters.option import option
 
 SHAPES = tuple(NAMED)
@@ -39,17 +38,17 @@ class GraphOptions(GhzOptions):
         try:
             return read_graph(self.graph, self.names, self.hub)
         except ValueError as error:
-            raise SessionError(Reason.UNSUPPORTED, f"graph {self.graph}: {error}") from error
+            raise unsupported(f"graph {self.graph}: {error}") from error
 
     def check(self) -> None:
         super().check()
         if not isinstance(self.graph, str):
             text = f"graph {self.graph!r}: write {', '.join(SHAPES)}, or edges as A-B,B-C"
-            raise SessionError(Reason.UNSUPPORTED, text)
+            raise unsupported(text)
         if not isinstance(self.hub, str):
-            raise SessionError(Reason.UNSUPPORTED, f"hub {self.hub!r} is not a name")
+            raise unsupported(f"hub {self.hub!r} is not a name")
         try:
             self.edges.left()
         except ValueError as error:
             text = f"graph {self.graph} without {self.hub}: {error}"
-            raise SessionError(Reason.UNSUPPORTED, text) from error
+            raise unsupported(text) from error

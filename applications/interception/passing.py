@@ -8,11 +8,10 @@ from applications.timeouts import RESENT_TIMEOUT_S
 from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import NoLight, Received
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import unsupported
 from hosts.middleware.session.options import MAX_RATE_HZ, Options
 from hosts.middleware.session.protocol import Steps, do
 from wire.metadata.setup import Setup
-from wire.metadata.vocabulary import Reason
 from wire.optical import WAVELENGTHS_PM
 from wire.results.figures import EveFigures
 from wire.socket_calls import ATTACKS, RESEND, SPLIT
@@ -35,18 +34,14 @@ class InterceptionOptions(Options):
     def check(self) -> None:
         super().check()
         if self.attack == SPLIT and self.fraction != 1:
-            raise refused(f"fraction is {self.fraction!r}: {SPLIT} is of every pulse, choose 1")
+            raise unsupported(f"fraction is {self.fraction!r}: {SPLIT} is of every pulse, choose 1")
         if self.attack == RESEND and (self.expected_db or self.onward_db):
-            raise refused(f"expected_db and onward_db are of {SPLIT}: leave them out")
+            raise unsupported(f"expected_db and onward_db are of {SPLIT}: leave them out")
         if self.onward_db > self.expected_db:
-            raise refused(
+            raise unsupported(
                 f"onward_db is {self.onward_db!r}, more than expected_db {self.expected_db!r}: "
                 "who attacks so has a better way, not a worse one"
             )
-
-
-def refused(text: str) -> SessionError:
-    return SessionError(Reason.UNSUPPORTED, text)
 
 
 class Passing:
@@ -61,9 +56,9 @@ class Passing:
     ) -> None:
         """Raise SessionError if this host has too few fibres, or lacks a memory."""
         if len(ports) < FIBERS:
-            raise refused(f"interception needs {FIBERS} fibres, this host has {len(ports)}")
+            raise unsupported(f"interception needs {FIBERS} fibres, this host has {len(ports)}")
         if options.attack == SPLIT and not memory_qubits:
-            raise refused("photons that are split off wait in a memory, and this host has none")
+            raise unsupported("photons that are split off wait in a memory, and this host has none")
         self.inward, self._outward = ports[:FIBERS]
         self._options = options
         self.attack: Attack = (

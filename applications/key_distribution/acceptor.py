@@ -29,7 +29,7 @@ from applications.qkd.parameters import Parameters
 from applications.qkd.sifting import Announced, Clicks, Record
 from applications.timeouts import KEYS_TIMEOUT_S
 from hosts.hardware.replies import Symbols
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import SessionError, unsupported
 from hosts.middleware.session.protocol import (
     Concurrently,
     Hear,
@@ -78,7 +78,7 @@ def introduced(tests: bool) -> Steps[Introduced]:
         raise SessionError(Reason.PROTOCOL, f"no proposal of keys: {error}") from error
     tested = opener.parameters.chsh_fraction
     if bool(tested) is not tests:
-        raise SessionError(Reason.UNSUPPORTED, f"chsh_fraction {tested} in this service")
+        raise unsupported(f"chsh_fraction {tested} in this service")
     return opener
 
 

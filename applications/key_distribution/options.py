@@ -6,10 +6,9 @@ from typing import Any
 
 from applications.qkd.messages import Bound, Reconciliation
 from applications.qkd.parameters import Parameters
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import unsupported
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_BLOCK_PULSES, ServiceOptions
 from hosts.timeouts import MAX_BLOCK_S
-from wire.metadata.vocabulary import Reason
 from wire.parameters.option import option
 
 CORRECTIONS = {kind.name.lower(): kind for kind in Reconciliation}  # what users call them
@@ -78,8 +77,7 @@ class KeyOptions(ServiceOptions):
         if CORRECTIONS.get(self.correction) == Reconciliation.LDPC:
             check_decoder()
         if self.block_pairs / self.rate_hz > MAX_BLOCK_S:
-            raise SessionError(
-                Reason.UNSUPPORTED,
+            raise unsupported(
                 f"block_pairs {self.block_pairs} at rate_hz {self.rate_hz} take more than "
                 f"{MAX_BLOCK_S:g} s: choose smaller blocks or a higher rate",
             )
@@ -87,11 +85,11 @@ class KeyOptions(ServiceOptions):
             value = getattr(self, name)
             if not isinstance(value, float) or not 0 < value < 1:
                 text = f"{name} {value!r}: choose a fraction between 0 and 1"
-                raise SessionError(Reason.UNSUPPORTED, text)
+                raise unsupported(text)
         try:
             self.parameters()
         except ValueError as error:
-            raise SessionError(Reason.UNSUPPORTED, str(error)) from error
+            raise unsupported(str(error)) from error
 
     @property
     def lasts_s(self) -> float:
@@ -116,7 +114,7 @@ def check_decoder() -> None:
     """Raise SessionError if LDPC codes cannot be decoded here (docs/packages.md)."""
     if find_spec("ldpc") is None:
         text = "ldpc is not installed, which decodes LDPC codes: pip install 'qmn[ldpc]'"
-        raise SessionError(Reason.UNSUPPORTED, text)
+        raise unsupported(text)
 
 
 def check_seconds(seconds: Any) -> None:
@@ -124,4 +122,4 @@ def check_seconds(seconds: Any) -> None:
     is_number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
     if not is_number or not 0 <= seconds <= MAX_SECONDS:
         text = f"seconds {seconds!r}: choose up to {MAX_SECONDS:.0f}, or 0 for a count"
-        raise SessionError(Reason.UNSUPPORTED, text)
+        raise unsupported(text)

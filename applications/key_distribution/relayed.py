@@ -29,7 +29,7 @@ from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
 from hosts.middleware.services.source import relayed_blocks
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import SessionError, unsupported
 from hosts.middleware.session.protocol import (
     Announce,
     Concurrently,
@@ -84,7 +84,7 @@ class Pulses:
                 ours = LEVELS if self.levels is not None else 1
                 (theirs,) = expect(message, Topic.LAUNCH, self.number, 1, MOST_LEVELS).tolist()
                 if theirs != ours:
-                    raise SessionError(Reason.UNSUPPORTED, unlike(self.side, theirs, ours))
+                    raise unsupported(unlike(self.side, theirs, ours))
                 self.launched = True
                 yield Concurrently(self.send())
             case Topic.ARRIVED if self.launched and self.arrived is None:
@@ -145,8 +145,7 @@ def check_source(opener: Introduced, host: str, several: float) -> None:
     That is in how many of its pulses.
     """
     if either(several, several) > opener.parameters.multi_photon + SAME:
-        raise SessionError(
-            Reason.UNSUPPORTED,
+        raise unsupported(
             f"{host} emits several photons in {several:.3g} of its pulses, more than "
             f"{opener.peer}: give them the same source, or ask from {host}",
         )

@@ -12,7 +12,7 @@ from applications.processing_unit.pair_requests import (
     decode_made,
 )
 from applications.timeouts import WANTED_TIMEOUT_S
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import SessionError, unsupported
 from hosts.timeouts import ANSWER_TIMEOUT_S, CONNECT_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.malformed import MalformedPacket
 from wire.metadata.vocabulary import Reason
@@ -57,7 +57,7 @@ class Agreement:
         subject = f"{self._request.pairs} pairs with {self._remote}: the other end"
         if answer.verdict != Verdict.READY:
             self._writer.close()
-            raise SessionError(Reason.UNSUPPORTED, f"{subject} {REFUSALS[answer.verdict]}")
+            raise unsupported(f"{subject} {REFUSALS[answer.verdict]}")
         if answer.pairs > self._request.pairs:
             self._writer.close()
             raise SessionError(Reason.PROTOCOL, f"{subject} accepts {answer.pairs}")

@@ -20,7 +20,7 @@ from applications.processing_unit.qubits import Qubits
 from applications.processing_unit.subroutine import Subroutine
 from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Qnic, release
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import SessionError, unsupported
 from wire.dispatcher_pb2 import Step, TellRequest
 from wire.metadata.vocabulary import Reason
 from wire.outcomes import NO_CLICK
@@ -99,7 +99,7 @@ class Application:
 
     def open_socket(self, message: OpenSocket) -> None:
         if not 0 <= message.remote_node < len(self._nodes):
-            raise _refused(f"node {message.remote_node}: there are {len(self._nodes)}, from 0")
+            raise unsupported(f"node {message.remote_node}: there are {len(self._nodes)}, from 0")
         self._sockets[message.remote_node, message.socket] = message.remote_socket
 
     async def run(self, subroutine: Subroutine) -> list[ReturnedArray | ReturnedRegister]:
@@ -124,11 +124,11 @@ class Application:
     ) -> None:
         """Begin to make pairs as an array of words says, or to receive some."""
         if (node, socket) not in self._sockets:
-            raise _refused(f"socket {socket} to node {node} is not open")
+            raise unsupported(f"socket {socket} to node {node} is not open")
         length = len(self._machine.memory.array(into))
         pairs = length // FIELDS if words is None else read_word(words, 1, 1)
         if not 0 < pairs <= MAX_PAIRS or length != pairs * FIELDS:
-            raise _refused(
+            raise unsupported(
                 f"{pairs} pairs, and an array of {length} numbers: ask for 1 to {MAX_PAIRS}, "
                 f"with {FIELDS} numbers for each"
             )
@@ -152,7 +152,7 @@ class Application:
     async def _create(self, request: Request, words: list[Value]) -> None:
         use, ours, theirs = read_use(words)
         if use == Use.KEEP and not self._can_keep(request):
-            raise _refused(f"{request.pairs} pairs to keep, and not as many qubits are named")
+            raise unsupported(f"{request.pairs} pairs to keep, and not as many qubits are named")
         remote_socket = self._sockets[request.node, request.socket]
         pair_request = PairRequest(
             self._pair_service.node, request.socket, remote_socket, request.pairs, use, theirs
@@ -195,7 +195,7 @@ class Application:
             assert half.request.qubits is not None
             number = self._machine.memory.entry(half.request.qubits, half.place)
             if not isinstance(number, int):
-                raise _refused("the number of a qubit for a pair is not known yet")
+                raise unsupported("the number of a qubit for a pair is not known yet")
             if number in taken or number in self._qubits:
                 self._homeless.append(half)
                 taken.add(number)
@@ -249,9 +249,5 @@ class Application:
             if self._failure is not None:
                 raise self._failure
             if not self._requests:
-                raise _refused("nothing comes any more of what is waited for")
+                raise unsupported("nothing comes any more of what is waited for")
             await self._changed.wait()
-
-
-def _refused(text: str) -> SessionError:
-    return SessionError(Reason.UNSUPPORTED, text)

@@ -12,8 +12,7 @@ from applications.processing_unit.memory import ClassicalMemory, Value
 from applications.processing_unit.messages import ReturnedArray, ReturnedRegister
 from applications.processing_unit.qubits import GATES, PAIR_GATES, ROTATIONS, Outcome, Qubits
 from applications.processing_unit.subroutine import Instruction, Subroutine
-from hosts.middleware.session.errors import SessionError
-from wire.metadata.vocabulary import Reason
+from hosts.middleware.session.errors import unsupported
 
 MOST_EXECUTED = 1_000_000  # instructions of a subroutine
 BREATH = 1000  # instructions after which others on this host have their turn
@@ -67,13 +66,13 @@ class Machine:
         while place < len(instructions):
             executed += 1
             if executed > MOST_EXECUTED:
-                raise _refused(f"more than {MOST_EXECUTED} instructions: does a loop never end?")
+                raise unsupported(f"more than {MOST_EXECUTED} instructions: does a loop never end?")
             if executed % BREATH == 0:
                 await asyncio.sleep(0)
             jump = await self._execute(instructions[place])
             place = place + 1 if jump is None else jump
             if place < 0:
-                raise _refused(f"a jump to instruction {place}")
+                raise unsupported(f"a jump to instruction {place}")
         await self.qubits.flush()
         return [_told(*each) for each in self._returned]
 
@@ -129,7 +128,7 @@ class Machine:
         into, *registers = operands
         a, b, *modulus = [await self._known(register) for register in registers]
         if (name in ("div", "rem") and b == 0) or (modulus and modulus[0] < 1):
-            raise _refused(f"{name} of {a}, {b} by {modulus[0] if modulus else b}")
+            raise unsupported(f"{name} of {a}, {b} by {modulus[0] if modulus else b}")
         value = SUMS[name](a, b)
         self.memory.set(into, value % modulus[0] if modulus else value)
         return None
@@ -256,7 +255,3 @@ def _told(name: int, held: Value | list[Value]) -> ReturnedArray | ReturnedRegis
 
 def _number(value: Value) -> int | None:
     return value.value if isinstance(value, Outcome) else value
-
-
-def _refused(text: str) -> SessionError:
-    return SessionError(Reason.UNSUPPORTED, text)

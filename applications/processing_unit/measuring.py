@@ -9,8 +9,7 @@ from applications.processing_unit.memory import Value
 from applications.processing_unit.operations import Kind, Operation
 from applications.processing_unit.pair_requests import Measuring, RandomBasis, Use
 from hosts.hardware.block_name import BlockName
-from hosts.middleware.session.errors import SessionError
-from wire.metadata.vocabulary import Reason
+from hosts.middleware.session.errors import unsupported
 
 WORDS = 22  # of a request: NetQASM's SerializedCreateRequestIndex
 STEP_RAD = pi / 16
@@ -60,7 +59,7 @@ def read_use(words: Sequence[Value]) -> tuple[Use, Measuring, Measuring]:
     Raise SessionError for a request that cannot be met.
     """
     if len(words) != WORDS:
-        raise _refused(f"a request for pairs of {len(words)} words, not {WORDS}")
+        raise unsupported(f"a request for pairs of {len(words)} words, not {WORDS}")
     try:
         use = Use(read_word(words, 0))
         ours, theirs = (
@@ -72,10 +71,10 @@ def read_use(words: Sequence[Value]) -> tuple[Use, Measuring, Measuring]:
             for bases, first, axes in ((2, 14, 20), (3, 17, 21))
         )
     except ValueError as error:
-        raise _refused(f"a request for pairs: {error}") from error
+        raise unsupported(f"a request for pairs: {error}") from error
     for how in (ours, theirs):
         if not 0 <= how.axes <= 2:
-            raise _refused(f"axes {how.axes} of a measurement: 0 XYX, 1 YZY, 2 ZXZ")
+            raise unsupported(f"axes {how.axes} of a measurement: 0 XYX, 1 YZY, 2 ZXZ")
     return use, ours, theirs
 
 
@@ -86,7 +85,3 @@ def read_word(words: Sequence[Value], place: int, default: int = 0) -> int:
 
 def _turn(words: Sequence[Value], place: int) -> int:
     return read_word(words, place) % 32
-
-
-def _refused(text: str) -> SessionError:
-    return SessionError(Reason.UNSUPPORTED, text)

@@ -39,7 +39,7 @@ from hosts.hardware.replies import HardwareError
 from hosts.middleware.session.arrangement import growing_pauses
 from hosts.middleware.session.blocks import PAIRS
 from hosts.middleware.session.ends import Answerer
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import SessionError, unsupported
 from hosts.network_loop import now_s, retry_pause
 from hosts.serving.processing import Sessions
 from hosts.timeouts import ANSWER_TIMEOUT_S, MAX_BLOCK_S
@@ -214,8 +214,7 @@ class PairService:
         try:
             if verdict != Verdict.READY:
                 writer.write(PairAnswer(verdict).encode())
-                raise SessionError(
-                    Reason.UNSUPPORTED,
+                raise unsupported(
                     f"{request.creator} asks for others: "
                     f"{request.pairs} pairs, {request.use.name.lower()}",
                 )

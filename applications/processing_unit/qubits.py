@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from applications.processing_unit.operations import OUTCOMES, Kind, Operation, process
 from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Qnic
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import SessionError, unsupported
 from wire.metadata.vocabulary import Reason
 from wire.outcomes import NO_CLICK
 
@@ -58,9 +58,9 @@ class Qubits:
         """Give an existing qubit this number; raise SessionError if another has it."""
         if not 0 <= qubit < self.most:
             text = f"qubit {qubit}: this application has {self.most}, from 0; ask for more"
-            raise _refused(f"{text} (max_qubits)")
+            raise unsupported(f"{text} (max_qubits)")
         if qubit in self._blocks:
-            raise _refused(f"qubit {qubit} is allocated already: free it first")
+            raise unsupported(f"qubit {qubit} is allocated already: free it first")
         self._blocks[qubit] = block
 
     def allocate(self, qubit: int) -> None:
@@ -94,7 +94,7 @@ class Qubits:
     def pair_gate(self, name: str, first: int, second: int) -> None:
         one, other = self._block(first), self._block(second)
         if one == other:
-            raise _refused(f"{name} of qubit {first} with itself: name two different qubits")
+            raise unsupported(f"{name} of qubit {first} with itself: name two different qubits")
         self._do(PAIR_GATES[name], one, target=other)
 
     def move(self, source: int, target: int) -> None:
@@ -148,7 +148,7 @@ class Qubits:
 
     def _block(self, qubit: int) -> BlockName:
         if qubit not in self._blocks:
-            raise _refused(f"qubit {qubit} is not allocated")
+            raise unsupported(f"qubit {qubit} is not allocated")
         return self._blocks[qubit]
 
     def _do(self, kind: Kind, block: BlockName, **words: object) -> None:
@@ -165,7 +165,3 @@ class Qubits:
             self._operations[-1] = Operation(Kind.MEASURE, block)
         else:
             self._do(Kind.DISCARD, block)
-
-
-def _refused(text: str) -> SessionError:
-    return SessionError(Reason.UNSUPPORTED, text)

@@ -25,7 +25,7 @@ from applications.processing_unit.pair_requests import PAIRS_PORT
 from applications.processing_unit.pairs import PairService
 from applications.processing_unit.subroutine import Subroutine
 from hosts.hardware.qnic import Qnic
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import SessionError, unsupported
 from hosts.serving.opened_session import read_call, reply, stopped, unless_gone
 from hosts.serving.processing import Sessions
 from wire.config import HostConfig
@@ -109,9 +109,9 @@ class Connection:
             raise SessionError(Reason.PROTOCOL, "no application has begun on this connection")
         qubit, entangled = question.get("look"), question.get("entangled")
         if question.keys() != {"look", "entangled"} or not isinstance(entangled, bool):
-            raise SessionError(Reason.UNSUPPORTED, "ask to look at a qubit, entangled or not")
+            raise unsupported("ask to look at a qubit, entangled or not")
         if not isinstance(qubit, int):
-            raise SessionError(Reason.UNSUPPORTED, f"qubit {qubit!r} is not a number")
+            raise unsupported(f"qubit {qubit!r} is not a number")
         matrix = await self._application.look(qubit, entangled)
         return {"real": matrix.real.tolist(), "imaginary": matrix.imag.tolist()}
 

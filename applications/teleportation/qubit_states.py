@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from applications.teleportation.along import Directions
 from hosts.hardware.replies import Symbols
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import SessionError, unsupported
 from hosts.middleware.session.values import Numbers, expect, values
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import Reason
@@ -122,8 +122,7 @@ def angles(state: object) -> tuple[float, float]:
     texts = state.split(",") if isinstance(state, str) else []
     angles_rad = [_angle(text.strip()) for text in texts]
     if len(angles_rad) != 2 or None in angles_rad:
-        raise SessionError(
-            Reason.UNSUPPORTED,
+        raise unsupported(
             f"state {state!r}: choose one of {', '.join((RANDOM, *NAMES, HAAR))}, or angles "
             "THETA,PHI on the Bloch sphere in rad, as 1.2,0.5 or pi/3,-pi/4",
         )
@@ -134,7 +133,7 @@ def angles(state: object) -> tuple[float, float]:
     ):
         if not least <= angle <= most:
             text = f"state {state!r}: {name} is {angle:g}, choose {least:g} to {most:g} rad"
-            raise SessionError(Reason.UNSUPPORTED, text)
+            raise unsupported(text)
     return theta_rad, phi_rad
 
 

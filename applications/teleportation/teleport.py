@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from applications.teleportation import protocol, qubit_states
 from applications.teleportation.qubit_states import RANDOM
 from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import unsupported
 from hosts.middleware.session.options import MAX_COUNT, ServiceOptions
-from wire.metadata.vocabulary import Reason, Service
+from wire.metadata.vocabulary import Service
 from wire.parameters.option import option
 
 
@@ -40,7 +40,7 @@ class TeleportOptions(ServiceOptions):
             text = f"--state {self.state} is not a stabiliser state, as --backend {backend} holds "
             names = ", ".join(qubit_states.NAMES)
             text += f"them: add --backend dense, or choose {names} or random"
-            raise SessionError(Reason.UNSUPPORTED, text)
+            raise unsupported(text)
 
 
 async def teleport(end: OpenerEnd, options: TeleportOptions) -> None:

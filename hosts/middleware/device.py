@@ -20,12 +20,11 @@ from typing import Any, Protocol, TypeVar
 
 from hosts.middleware.services.superdense.coding import CODES, NAMES
 from hosts.middleware.session.ends import Watched
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import unsupported
 from hosts.middleware.session.estimation import Estimate
 from hosts.middleware.session.options import overridden
 from wire.device import DevicePort, DeviceReport, DeviceSettings, Subscribe
 from wire.metadata.setup import Setup
-from wire.metadata.vocabulary import Reason
 from wire.monitor_messages import Interval, Quantity, SessionEstimate
 from wire.services import MONITORS
 
@@ -166,7 +165,7 @@ class Device:
         """Override what sessions use that begin from now on; SessionError if it cannot be had."""
         if settings.fec is not None and settings.fec not in CODES:
             text = f"fec {settings.fec} is not known: choose one of {', '.join(NAMES)}"
-            raise SessionError(Reason.UNSUPPORTED, text)
+            raise unsupported(text)
         if settings.compensate_s != self.settings.compensate_s:
             self.compensate(settings.compensate_s)
         self.settings = settings

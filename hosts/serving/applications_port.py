@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hosts.hardware.replies import HardwareError
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import SessionError, unsupported
 from hosts.middleware.session.session import OpeningSession
 from hosts.serving.opened_session import (
     Incoming,
@@ -41,7 +41,7 @@ async def tell_events(watch: Watch, fields: dict[str, Any], writer: asyncio.Stre
     flags = type(history) is bool and type(follow) is bool
     if type(session) is not int or not 0 <= session < 1 << 64 or not flags:
         text = f"watch session {session!r}, history {history!r}, follow {follow!r}: give a number "
-        raise SessionError(Reason.UNSUPPORTED, f"{text}and two bools")
+        raise unsupported(f"{text}and two bools")
     writer.write(encode_fields(Call.DONE))
     async for record in watch(session, history, follow):
         writer.write(encode(Call.EVENT, record))
@@ -191,7 +191,7 @@ class ApplicationsPort:
     ) -> None:
         if self.unit is None:
             text = "this host has no processing unit: install the package applications"
-            raise SessionError(Reason.UNSUPPORTED, text)
+            raise unsupported(text)
         await self.unit.serve_application(reader, writer)
 
     async def _serve_listener(
@@ -266,12 +266,12 @@ async def _closed(reader: asyncio.StreamReader) -> None:
 def _service(fields: dict[str, Any]) -> str:
     service = fields.get("service")
     if not isinstance(service, str):
-        raise SessionError(Reason.UNSUPPORTED, f"service {service!r} is not a name")
+        raise unsupported(f"service {service!r} is not a name")
     return service
 
 
 def _port(fields: dict[str, Any]) -> int:
     port = fields.get("port")
     if not isinstance(port, int) or not 0 < port < 65_536:
-        raise SessionError(Reason.UNSUPPORTED, f"port {port!r}: choose 1 to 65535")
+        raise unsupported(f"port {port!r}: choose 1 to 65535")
     return port

@@ -7,7 +7,7 @@ from typing import Any
 
 from hosts.hardware.replies import HardwareError
 from hosts.middleware.session.ends import Answerer, Carrier
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import SessionError, unsupported
 from hosts.middleware.session.session import OpeningSession
 from hosts.timeouts import ACCEPT_TIMEOUT_S, READ_TIMEOUT_S
 from wire.metadata.vocabulary import Reason
@@ -224,7 +224,7 @@ async def reply(answer: Answerer | None, question: bytes) -> bytes:
     fields = decode_fields(question)
     try:
         if answer is None:
-            raise SessionError(Reason.UNSUPPORTED, "there is nothing here to ask about, or not yet")
+            raise unsupported("there is nothing here to ask about, or not yet")
         return encode_fields(Call.DONE, **await answer(fields))
     except (SessionError, HardwareError) as error:
         reason = error.reason if isinstance(error, SessionError) else Reason.HARDWARE

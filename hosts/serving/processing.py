@@ -12,10 +12,9 @@ from typing import Any, Protocol
 
 from hosts.hardware.qnic import Qnic
 from hosts.middleware.session.ends import Answerer
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import unsupported
 from hosts.middleware.session.session import Application, OpeningSession
 from wire.config import HostConfig
-from wire.metadata.vocabulary import Reason
 from wire.registered import registered
 from wire.results.figures import EveFigures
 
@@ -100,7 +99,7 @@ def interception(
     """
     if not INTERCEPTIONS:
         text = "this host attacks no light: install the package applications"
-        raise SessionError(Reason.UNSUPPORTED, text)
+        raise unsupported(text)
     (entry,) = INTERCEPTIONS
     prepare: Prepare = entry.load()
     return prepare(config, qnic_at, fields)

@@ -13,7 +13,7 @@ from hosts.hardware import pair_light
 from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import HardwareError
-from hosts.middleware.session.errors import SessionError, unexpected
+from hosts.middleware.session.errors import SessionError, unexpected, unsupported
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_BLOCK_PULSES
 from hosts.middleware.session.protocol import (
     Collect,
@@ -40,7 +40,7 @@ MOST_RELAYED = 1 << 31  # blocks; each has two numbers
 def check_source(side: Side) -> None:
     """Raise SessionError for a set-up that this host cannot be the source of."""
     if len(side.ports) < 2:
-        raise SessionError(Reason.UNSUPPORTED, "a pair source needs two fibres")
+        raise unsupported("a pair source needs two fibres")
 
 
 def make_pairs(
@@ -83,7 +83,7 @@ def _check(setup: Setup, request: Emit) -> None:
     most = MAX_BLOCK_PAIRS if counted else MAX_BLOCK_PULSES
     if not 0 < request.pairs <= most:
         text = f"a block of {request.pairs} pairs: choose 1 to {most} (block_pairs)"
-        raise SessionError(Reason.UNSUPPORTED, text)
+        raise unsupported(text)
     if not 0 < request.rate_hz <= setup.rate_hz:
         text = f"{request.rate_hz} pairs a second: {setup.rate_hz} at most were granted"
         raise SessionError(Reason.NOT_ALLOWED, text)

@@ -7,7 +7,13 @@ from collections.abc import Collection
 from contextlib import suppress
 from typing import TypeVar
 
-from hosts.middleware.session.errors import SAME_VERSION, SessionError, SilentPeer, unexpected
+from hosts.middleware.session.errors import (
+    SAME_VERSION,
+    SessionError,
+    SilentPeer,
+    unexpected,
+    unsupported,
+)
 from hosts.middleware.session.mailbox import Mailbox, Wanted
 from hosts.timeouts import (
     ANSWER_TIMEOUT_S,
@@ -173,7 +179,7 @@ class MetadataChannel:
             text = f"{self.peer} is gone: it closed the connection inside a message"
             raise SessionError(Reason.PEER_GONE, text) from error
         except UnknownService as error:
-            raise SessionError(Reason.UNSUPPORTED, f"{self.peer} asks for an {error}") from error
+            raise unsupported(f"{self.peer} asks for an {error}") from error
         except MalformedPacket as error:
             text = f"{self.peer} sent what is not a message: {error}; {SAME_VERSION}"
             raise SessionError(Reason.PROTOCOL, text) from error

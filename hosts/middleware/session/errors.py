@@ -51,6 +51,10 @@ class SilentPeer(SessionError):
     """Nothing came in time."""
 
 
+def unsupported(text: str) -> SessionError:
+    return SessionError(Reason.UNSUPPORTED, text)
+
+
 def unexpected(message: Message | None, peer: str) -> SessionError:
     """Return the error that a message is: a refusal, or one that has no place in a session."""
     if message is None:

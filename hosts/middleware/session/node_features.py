@@ -1,6 +1,6 @@
 """The features of both ends of a session, compared with those that its service needs."""
 
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import SessionError, unsupported
 from hosts.middleware.session.protocol import HostSide, OpenerSide, Say, Side, Steps
 from hosts.middleware.session.protocol import hear as hear_numbers
 from hosts.middleware.session.values import NUMBERS, Lifetimes
@@ -77,8 +77,7 @@ def require_capacity(side: OpenerSide, pairs: int, spare: int) -> None:
         return
     least, who = min((has.memory_qubits, who) for has, who in _ends(side))
     more = f" and {spare} more, to estimate or purify," if spare else ""
-    raise SessionError(
-        Reason.UNSUPPORTED,
+    raise unsupported(
         f"{pairs} pairs{more} do not fit into the memory of {who}, {least} qubits: ask for at most "
         f"{max(least - spare, 0)} at a time, or give it a larger one (memory.capacity)",
     )
@@ -88,8 +87,7 @@ def require(side: OpenerSide, feature: Feature, what: str, remedy: str) -> None:
     """Raise SessionError unless both ends have a feature; what needs it is named."""
     for has, who in _ends(side):
         if feature not in has.features:
-            raise SessionError(
-                Reason.UNSUPPORTED,
+            raise unsupported(
                 f"{what} needs the feature {names(feature)} at both ends, and {who} has only "
                 f"{names(has.features)}: {remedy}",
             )

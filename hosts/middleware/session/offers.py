@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import unsupported
 from wire.metadata.setup import Answer, Setup
-from wire.metadata.vocabulary import Reason, Service
+from wire.metadata.vocabulary import Service
 from wire.optical import ANY_WAVELENGTH, frequency_mhz
 from wire.services import memory_of
 
@@ -15,7 +15,7 @@ def check_light(setup: Setup) -> None:
     if setup.memory not in offered:
         text = f"memory {setup.memory} for {Service(setup.service).name.lower()}: "
         text += f"choose {' or '.join(str(each.value) for each in offered)}"
-        raise SessionError(Reason.UNSUPPORTED, text)
+        raise unsupported(text)
     settings = {
         "polarisation basis": setup.polarization,
         "phase": setup.phase_mrad,
@@ -27,7 +27,7 @@ def check_light(setup: Setup) -> None:
 def offer_nothing_but_0(settings: dict[str, int]) -> None:
     for name, value in settings.items():
         if value:
-            raise SessionError(Reason.UNSUPPORTED, f"{name} {value}: only 0 is offered yet")
+            raise unsupported(f"{name} {value}: only 0 is offered yet")
 
 
 def at_wavelength(setup: Setup, answer: Answer) -> Setup:
@@ -44,4 +44,4 @@ def check_wavelength(setup: Setup) -> None:
     try:
         frequency_mhz(setup.wavelength_pm)
     except ValueError as error:
-        raise SessionError(Reason.UNSUPPORTED, str(error)) from error
+        raise unsupported(str(error)) from error

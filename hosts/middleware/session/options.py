@@ -3,11 +3,11 @@
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Self
 
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import unsupported
 from hosts.timeouts import MAX_BLOCK_S
 from wire.device import OF_LIGHT, DeviceSettings
 from wire.metadata.setup import Setup
-from wire.metadata.vocabulary import Handshake, Reason, Service
+from wire.metadata.vocabulary import Handshake, Service
 from wire.parameters.checks import check_names, check_number
 from wire.parameters.option import check_options, option, recorded_as
 from wire.services import BY_KEY
@@ -17,10 +17,6 @@ MAX_BLOCK_PAIRS = 1 << 18
 MAX_BLOCK_PULSES = 4_000_000_000  # of weak light, of which few are detected
 MIN_BLOCK_PAIRS = 4
 MAX_RATE_HZ = 4_000_000_000
-
-
-def unsupported(text: str) -> SessionError:
-    return SessionError(Reason.UNSUPPORTED, text)
 
 
 @dataclass(frozen=True)
@@ -35,7 +31,7 @@ class Options:
         try:
             options = cls(**content)
         except TypeError as error:
-            raise SessionError(Reason.UNSUPPORTED, f"missing option: {error}") from error
+            raise unsupported(f"missing option: {error}") from error
         options.check()
         return options
 
@@ -47,15 +43,14 @@ class Options:
 def check_where(host: Any, port: Any) -> None:
     """Raise SessionError unless these are the name of a host, and a port."""
     if not isinstance(host, str):
-        raise SessionError(Reason.UNSUPPORTED, f"host {host!r} is not a name")
+        raise unsupported(f"host {host!r} is not a name")
     check_number("port", port, 1, 65_535, unsupported)
 
 
 def check_block_time(pairs: int, block_pairs: int, rate_hz: int) -> None:
     """Raise SessionError if a block of the requested pairs takes too long."""
     if pairs / rate_hz > MAX_BLOCK_S:
-        raise SessionError(
-            Reason.UNSUPPORTED,
+        raise unsupported(
             f"block_pairs {block_pairs} at rate_hz {rate_hz} take more than "
             f"{MAX_BLOCK_S:g} s: choose smaller blocks or a higher rate",
         )
@@ -133,7 +128,7 @@ class SessionOptions(Options, SessionSource, SessionLight, SessionAddress):
         """Raise SessionError for a value out of range."""
         super().check()
         if not isinstance(self.source, str):
-            raise SessionError(Reason.UNSUPPORTED, f"source {self.source!r} is not a name")
+            raise unsupported(f"source {self.source!r} is not a name")
         check_where(self.host, self.port)
         check_block_time(self.pairs_at_a_time, self.block_pairs, self.rate_hz)
 

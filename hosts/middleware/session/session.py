@@ -21,7 +21,7 @@ from hosts.middleware.session.ends import (
     Tell,
     Watched,
 )
-from hosts.middleware.session.errors import SessionError, SilentPeer, unexpected
+from hosts.middleware.session.errors import SessionError, SilentPeer, unexpected, unsupported
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.offers import at_wavelength, check_light
 from hosts.middleware.session.options import SessionOptions, most_in_block
@@ -223,7 +223,7 @@ def require_source(service: Service, source: str, is_source: bool, peer: str) ->
     if uses_source(service, by) and (is_source or source == peer):
         name = service.name.lower()
         text = f"{name} with pairs of {source}, one of its ends: name another host as source"
-        raise SessionError(Reason.UNSUPPORTED, text)
+        raise unsupported(text)
 
 
 def check_asked(setup: Setup, handshakes: Sequence[Handshake]) -> None:
@@ -234,14 +234,14 @@ def check_asked(setup: Setup, handshakes: Sequence[Handshake]) -> None:
         text = f"{service.name.lower()} with the handshake "
         text += f"{Handshake(setup.handshake).name}: choose "
         text += " or ".join(handshake.name for handshake in handshakes)
-        raise SessionError(Reason.UNSUPPORTED, text)
+        raise unsupported(text)
     most = most_in_block(service)
     if setup.pairs > most:
         text = f"blocks of {setup.pairs} pairs: choose 1 to {most} (block_pairs)"
-        raise SessionError(Reason.UNSUPPORTED, text)
+        raise unsupported(text)
     if setup.fidelity_ppm > CERTAIN_PPM:
         text = f"a fidelity of {setup.fidelity_ppm} millionths: choose 0 to {CERTAIN_PPM}"
-        raise SessionError(Reason.UNSUPPORTED, text)
+        raise unsupported(text)
 
 
 def making(setup: Setup, is_source: bool) -> Making:
@@ -258,4 +258,4 @@ def require_fibers(setup: Setup, role: Role, qnic: Qnic, by: Making = Making.SOU
         text = (
             f"{role.value} of {service.name.lower()} needs {needed} fibres, this host has {there}"
         )
-        raise SessionError(Reason.UNSUPPORTED, text)
+        raise unsupported(text)

@@ -28,7 +28,7 @@ from hosts.middleware.session.blocks import (
     store,
     take,
 )
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import SessionError, unsupported
 from hosts.middleware.session.protocol import HostSide, Now, Steps, do, hear
 from hosts.middleware.session.values import Lifetimes
 from wire.analyser_frames import PHOTONS
@@ -106,8 +106,7 @@ class Pairs:
     def admit(self, number: int) -> None:
         """Raise SessionError unless a new block may have this number."""
         if number in self.blocks or not 0 < number < RESERVED or len(self.blocks) >= MAX_BLOCKS:
-            raise SessionError(
-                Reason.UNSUPPORTED,
+            raise unsupported(
                 f"block {number} beside {len(self.blocks)} others: no number may come again, and "
                 f"{MAX_BLOCKS} blocks are kept at most; choose larger ones (block_pairs)",
             )
@@ -204,10 +203,10 @@ class Pairs:
         Return {"outcomes": 0 or 1 for each, None where no detector clicked}.
         """
         if question.keys() != {"measure", "basis"}:
-            raise SessionError(Reason.UNSUPPORTED, "name pairs to measure, and a basis")
+            raise unsupported("name pairs to measure, and a basis")
         basis = question["basis"]
         if basis not in BASES:
-            raise SessionError(Reason.UNSUPPORTED, f"basis {basis!r}: choose X, Y or Z")
+            raise unsupported(f"basis {basis!r}: choose X, Y or Z")
         numbers = self._unused(question["measure"])
         self._used[numbers] = True
         bases = np.full(numbers.size, BASES.index(basis), dtype=np.uint8)
@@ -242,16 +241,16 @@ class Pairs:
 
     def _unused(self, numbers: Any) -> NDArray[np.int64]:
         if not isinstance(numbers, list) or not 0 < len(numbers) <= MAX_ASKED:
-            raise SessionError(Reason.UNSUPPORTED, f"name 1 to {MAX_ASKED} pairs, as a list")
+            raise unsupported(f"name 1 to {MAX_ASKED} pairs, as a list")
         last = self._used.size - 1
         for number in numbers:
             if type(number) is not int or not 0 <= number <= last:
-                raise SessionError(Reason.UNSUPPORTED, f"pair {number!r}: choose 0 to {last}")
+                raise unsupported(f"pair {number!r}: choose 0 to {last}")
         chosen = np.array(numbers)
         used = chosen[self._used[chosen]]
         if used.size or np.unique(chosen).size < chosen.size:
             which = f"pair {used[0]} is used up" if used.size else "a pair is named twice"
-            raise SessionError(Reason.UNSUPPORTED, f"{which}: name each pair once")
+            raise unsupported(f"{which}: name each pair once")
         return chosen
 
     def _note_wait(self, pairs: int, waited_ns: int) -> None:

@@ -17,7 +17,7 @@ from hosts.middleware.services.distribution.purification import (
     Protocol,
 )
 from hosts.middleware.session import node_features
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import SessionError, unsupported
 from hosts.middleware.session.protocol import (
     Concurrently,
     HostSide,
@@ -337,7 +337,7 @@ def follow(
         elif message.topic == Topic.PURIFY:
             protocol, seed = expect(message, Topic.PURIFY, number, 2, MAX_NUMBER).tolist()
             if protocol not in (Protocol.BBPSSW, Protocol.DEJMPS):
-                raise SessionError(Reason.UNSUPPORTED, f"purification by protocol {protocol}")
+                raise unsupported(f"purification by protocol {protocol}")
             yield from pairs.purify(number, Protocol(protocol), seed)
         elif message.topic == Topic.ARRIVED:
             size = pairs.portion(number).size

@@ -17,11 +17,10 @@ from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Positions, Qnic
 from hosts.hardware.replies import Symbols
 from hosts.middleware.session.blocks import LOST, TARGETS, THIRDS, reserved, store
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import unsupported
 from hosts.middleware.session.options import ServiceOptions
 from hosts.middleware.session.protocol import Steps, do
 from wire.analyser_frames import CYCLES, PHOTONS, QUARTER_TURNS
-from wire.metadata.vocabulary import Reason
 from wire.parameters.option import option
 
 
@@ -130,7 +129,7 @@ class DistributeOptions(ServiceOptions):
         super().check()
         if self.rounds and self.purification == "none":
             text = f"rounds is {self.rounds} and purification none: choose bbpssw or dejmps"
-            raise SessionError(Reason.UNSUPPORTED, text)
+            raise unsupported(text)
         if self.fidelity and not self.sample:
             text = f"fidelity {self.fidelity} cannot be known with sample 0: choose 0.1, say"
-            raise SessionError(Reason.UNSUPPORTED, text)
+            raise unsupported(text)

@@ -40,12 +40,12 @@ from hosts.middleware.services.superdense.coding import (
     deinterleave,
     interleave,
 )
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import unsupported
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES
 from wire import dibits
 from wire.metadata.blocks import Frame
 from wire.metadata.setup import Setup
-from wire.metadata.vocabulary import Fec, Reason
+from wire.metadata.vocabulary import Fec
 from wire.outcomes import NO_COINCIDENCE
 
 GROUP_BITS, GROUP_PAIRS = 11, 7
@@ -168,15 +168,13 @@ class FrameFormat:
 def agreed_format(setup: Setup, symbols: int) -> FrameFormat:
     """Return what a set-up asks for; raise SessionError for an unknown code or long frames."""
     if setup.fec not in CODES:
-        raise SessionError(
-            Reason.UNSUPPORTED,
+        raise unsupported(
             f"error-correction code {setup.fec} is not known; offered are "
             + ", ".join(f"{number:d} ({name})" for name, number in NAMES.items()),
         )
     used = FrameFormat(CODES[Fec(setup.fec)], bool(setup.interleave), ALPHABETS[symbols])
     if used.pairs(min(setup.frame_bytes, MAX_FRAME_BYTES)) > MAX_BLOCK_PAIRS:
-        raise SessionError(
-            Reason.UNSUPPORTED,
+        raise unsupported(
             f"a frame of {setup.frame_bytes} bytes with the code {used.code.name} and {symbols} "
             f"symbols needs {used.pairs(setup.frame_bytes)} pairs, at most {MAX_BLOCK_PAIRS}; "
             "choose fewer bytes (--frame-bytes)",

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import unsupported
 from hosts.middleware.session.options import (
     MAX_BLOCK_PAIRS,
     MAX_FRAME_BYTES,
@@ -13,7 +13,7 @@ from hosts.middleware.session.options import (
 )
 from hosts.timeouts import MAX_BLOCK_S
 from wire.metadata.setup import Setup
-from wire.metadata.vocabulary import FEC_NAMES, Handshake, Reason, Service
+from wire.metadata.vocabulary import FEC_NAMES, Handshake, Service
 from wire.parameters.option import option
 
 DEFAULT_BLOCK_PAIRS = 131_072
@@ -67,7 +67,7 @@ class SuperdenseOptions(SessionOptions):
         super().check()
         if not isinstance(self.interleave, bool):
             text = f"interleave {self.interleave!r}: choose True or False"
-            raise SessionError(Reason.UNSUPPORTED, text)
+            raise unsupported(text)
 
 
 def sent_half(setup: Setup) -> int:

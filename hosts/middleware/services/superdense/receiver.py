@@ -25,7 +25,7 @@ from hosts.middleware.services.superdense.frame_format import (
 )
 from hosts.middleware.services.superdense.inbox import Inbox
 from hosts.middleware.session.encoding import agreed_encoding, from_bell_states
-from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.errors import SessionError, unsupported
 from hosts.middleware.session.offers import check_light, offer_nothing_but_0
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES
 from wire.metadata.blocks import Block, Finish, Report
@@ -68,14 +68,13 @@ def check_offer(setup: Setup, symbols: int) -> FrameFormat:
     check_light(setup)
     offer_nothing_but_0({"fidelity at least": setup.fidelity_ppm})
     if setup.frame_bytes > MAX_FRAME_BYTES or setup.pairs > MAX_BLOCK_PAIRS:
-        raise SessionError(
-            Reason.UNSUPPORTED,
+        raise unsupported(
             f"frames of {setup.frame_bytes} bytes in blocks of {setup.pairs} pairs; at most "
             f"{MAX_FRAME_BYTES} and {MAX_BLOCK_PAIRS}",
         )
     if symbols not in ALPHABETS:
         text = f"an analyser that distinguishes {symbols} Bell states: choose another analyser.kind"
-        raise SessionError(Reason.UNSUPPORTED, text)
+        raise unsupported(text)
     return agreed_format(setup, symbols)
 
 
