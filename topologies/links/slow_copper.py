@@ -30,20 +30,19 @@ def slow_metadata(host: Host, rate_mbps: float, time_scale: float) -> None:
     """
     interface = str(host.defaultIntf())
 
-    def add(what: str, *words: str) -> None:
-        _run(host, ["tc", what, "add", "dev", interface, *words])
+    def add(what: str, words: str) -> None:
+        _run(host, ["tc", what, "add", "dev", interface, *words.split()])
 
-    add("qdisc", "root", "handle", "1:", "htb", "default", "1")
+    add("qdisc", "root handle 1: htb default 1")
     for flow in (ALL_ELSE, METADATA):
-        words = ("rate", f"{MOST_MBPS:g}mbit", "quantum", str(BURST_BYTES))
-        add("class", "parent", "1:", "classid", flow, "htb", *words)
-    rate = ("rate", f"{round(rate_mbps * 1e6 / time_scale)}bit")
-    bounds = ("burst", str(BURST_BYTES), "limit", str(LIMIT_BYTES))
-    add("qdisc", "parent", METADATA, "handle", "2:", "tbf", *rate, *bounds)
-    tcp = ("match", "ip", "protocol", "6", "0xff")
+        rate = f"rate {MOST_MBPS:g}mbit quantum {BURST_BYTES}"
+        add("class", f"parent 1: classid {flow} htb {rate}")
+    bounds = f"burst {BURST_BYTES} limit {LIMIT_BYTES}"
+    bit_per_s = round(rate_mbps * 1e6 / time_scale)
+    add("qdisc", f"parent {METADATA} handle 2: tbf rate {bit_per_s}bit {bounds}")
     for end in ("sport", "dport"):
-        port = ("match", "ip", end, str(METADATA_PORT), "0xffff")
-        add("filter", "parent", "1:", "protocol", "ip", "u32", *tcp, *port, "flowid", METADATA)
+        match = f"match ip protocol 6 0xff match ip {end} {METADATA_PORT} 0xffff"
+        add("filter", f"parent 1: protocol ip u32 {match} flowid {METADATA}")
 
 
 def _run(host: Host, command: list[str]) -> None:
