@@ -28,7 +28,6 @@ from qswitch_agent.openflow import refusals
 from qswitch_agent.openflow.flows import FlowEntry, FlowMod
 from qswitch_agent.openflow.identity import Identity, on_fiber
 from qswitch_agent.openflow.ports import Port
-from qswitch_agent.openflow.refusals import Refusal
 from qswitch_agent.timeouts import CONDITION_DEADLINE_S
 from wire.optical import PathOptics, PortLight, PortTuning
 
@@ -171,7 +170,7 @@ class Switch:
         `mods` are the messages to the bridge for it.
         """
         for reason in self.impossible(trial, mods).values():
-            raise impossible_path(reason)
+            raise refusals.bad_out_port(reason)  # it may be valid at another time
 
     def impossible(self, trial: FlowTable, mods: Iterable[FlowMod]) -> dict[CrossConnect, str]:
         """Return the paths that a change asks for or affects and that cannot be, and why."""
@@ -309,11 +308,6 @@ class Switch:
         whole = port in self._channels.ports and self._channels.ports[port].up
         tuning = optical_ports.tuning_of(self._condition, port)
         return optical_ports.light(readings, port, whole, tuning.grid_mhz if tuning else 0)
-
-
-def impossible_path(reason: str) -> Refusal:
-    """Return the error for a port that may be valid at another time (OpenFlow 1.4, 6.4)."""
-    return refusals.bad_out_port(reason)
 
 
 def circuits(mods: Iterable[FlowMod]) -> set[int]:

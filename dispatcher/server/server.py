@@ -169,10 +169,6 @@ class Server:
             Path(path).unlink(missing_ok=True)
 
 
-def build_server(config: DispatcherConfig, service: Service) -> Server:
-    return Server(config, service)
-
-
 async def serve(config: DispatcherConfig) -> None:
     """Serve until a signal comes; raise what ends the service unexpectedly."""
     loop = asyncio.get_running_loop()
@@ -194,7 +190,7 @@ async def serve(config: DispatcherConfig) -> None:
         )
         layer = open_layer(config, clock_of(config.time), event_log, stack)
         service = build_service(config, layer, failed)
-        server = build_server(config, service)
+        server = Server(config, service)
         async with metrics(config, service):
             await server.start()
             for number in (signal.SIGTERM, signal.SIGINT):

@@ -47,7 +47,7 @@ def is_light(mod: FlowMod, table: FlowTable) -> bool:
     in_port, outputs = matches.in_port(mod.fields), table.outputs
     frames = any(matches.is_of_type(mod.fields, kind) for kind in (ETHER_TYPE, HERALDS))
     if in_port not in table.inputs or (frames and in_port in table.inner):
-        _require_classical(mod.instructions.outputs, table.light)
+        require_no_fiber(mod.instructions.outputs, table.light)
         return False
     if in_port in table.fibers and matches.is_of_type(mod.fields, matches.LLDP):
         _require_supervisory(mod.instructions)
@@ -66,11 +66,7 @@ def is_light(mod: FlowMod, table: FlowTable) -> bool:
 
 def require_no_fiber(ports: Iterable[int], light: frozenset[int]) -> None:
     """Raise Refusal if packets shall go where only light goes."""
-    _require_classical(ports, light)
-
-
-def _require_classical(outputs: Iterable[int], light: frozenset[int]) -> None:
-    for port in outputs:
+    for port in ports:
         if port in light:
             where = "inner port" if port >= FIRST_INNER_PORT else "fibre at port"
             raise refusals.bad_out_port(f"packets cannot go into the {where} {port}")

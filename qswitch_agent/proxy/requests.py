@@ -29,7 +29,7 @@ from qswitch_agent.proxy.checks import (
     require_not_slave,
 )
 from qswitch_agent.proxy.link import Link
-from qswitch_agent.switch import Switch, circuits, impossible_path
+from qswitch_agent.switch import Switch, circuits
 from wire.analyser_frames import HERALDS, AnalyserFrame, Emission, End
 from wire.malformed import MalformedPacket
 from wire.optical import (
@@ -144,7 +144,7 @@ class BundleRequests:
             for path, reason in self._switch.impossible(trial, [mod for _, mod in changes]).items():
                 blamed = [one for one, mod in changes if path.circuit in circuits([mod])]
                 member = blamed[-1] if blamed else bundle.last_light
-                raise impossible_path(reason)
+                raise refusals.bad_out_port(reason)
         except Refusal as refusal:
             await self._fail(number, commit, member, refusal)
             return None

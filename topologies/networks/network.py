@@ -265,7 +265,7 @@ class Network:
         """
         node = self.host(host)
         if host not in self.runtime.places:
-            return self._run(name, command, node.pid)
+            return self.run_beside(name, command, node.pid)
         program = self._application(name)
         errand = Errand(self.runtime.places[host], self.runtime.folder / name, command)
         self._errands[program] = errand
@@ -302,17 +302,16 @@ class Network:
         if program in self._errands:
             self._errands[program].bring_back()
 
-    def run_beside(self, name: str, command: list[str]) -> Program:
-        """Start a program on this machine itself; it ends with the network at the latest."""
-        return self._run(name, command)
-
     def _application(self, name: str) -> Program:
         """Return a program that may end before the network, and is watched until it does."""
         program = Program(name, self.runtime.private_file(f"{name}.log"))
         self._applications.append(program)
         return program
 
-    def _run(self, name: str, command: list[str], namespace_pid: int | None = None) -> Program:
+    def run_beside(
+        self, name: str, command: list[str], namespace_pid: int | None = None
+    ) -> Program:
+        """Start a program on this machine itself; it ends with the network at the latest."""
         program = self._application(name)
         self._cleanup.callback(program.stop)
         program.start(command, namespace_pid, forks=self.runtime.forks())

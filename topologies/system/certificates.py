@@ -139,10 +139,8 @@ class GivenCertificates:
         self.certificate = folder / AUTHORITY
         shutil.copyfile(path / AUTHORITY, self.certificate)
 
-    def check(self, name: str) -> None:
-        self._checked(name)
-
-    def _checked(self, name: str) -> x509.Certificate:
+    def check(self, name: str) -> x509.Certificate:
+        """Return the certificate of a name."""
         path, key_path = self._given / f"{name}.pem", self._given / f"{name}.key"
         certificate, key = _certificate(path), _private_key(key_path)
         try:
@@ -162,7 +160,7 @@ class GivenCertificates:
         self, name: str, addresses: Mapping[str, str] | None = None, also: Iterable[str] = ()
     ) -> CertificateFiles:
         """Return the certificate of a name, which has these addresses and other names, too."""
-        certificate, path = self._checked(name), self._given / f"{name}.pem"
+        certificate, path = self.check(name), self._given / f"{name}.pem"
         lacking = {*also} - _names(certificate)
         lacking |= {*(addresses or {}).values()} - _addresses(certificate)
         if lacking:

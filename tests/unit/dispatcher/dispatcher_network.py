@@ -17,7 +17,7 @@ from limits import SOON_S
 from dispatcher.build import open_layer
 from dispatcher.clock import Clock
 from dispatcher.refusal import Refusal
-from dispatcher.server.server import build_server, build_service
+from dispatcher.server.server import Server, build_service
 from dispatcher.server.servicer import Service
 from qswitch_agent.hardware.simulated import DispatcherLink
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
@@ -291,7 +291,7 @@ async def running(config: DispatcherConfig, clock: Clock) -> AsyncIterator[Bench
         layer = open_layer(config, clock, event_log, stack)
         errors: list[BaseException] = []
         service = build_service(config, layer, errors.append)
-        server = build_server(config, service)
+        server = Server(config, service)
         await server.start()
         try:
             async with grpc.aio.insecure_channel(

@@ -23,7 +23,7 @@ from limits import SOON_S
 import hosts.stack
 from dispatcher.build import build_layer
 from dispatcher.clock import NetworkClock
-from dispatcher.server.server import build_server, build_service
+from dispatcher.server.server import Server, build_service
 from hosts import network_loop
 from hosts.client import blocking_session, session
 from hosts.hardware.simulated import SimulatedQnic
@@ -286,7 +286,7 @@ async def network(
     cut = Cut()
     if cuts is not None:
         cuts.set_result(cut)
-    server = build_server(
+    server = Server(
         config, build_service(config, build_layer(config, NetworkClock(), events), errors.append)
     )
     await server.start()

@@ -20,7 +20,7 @@ from stepping import stepping
 from dispatcher.build import build_layer
 from dispatcher.clock import NetworkClock
 from dispatcher.layer.layer import PhysicalLayer
-from dispatcher.server.server import build_server, build_service
+from dispatcher.server.server import Server, build_service
 from programs.timeouts import SILENT_S
 from qswitch_agent.hardware import simulated as hardware
 from qswitch_agent.hardware.optics import (
@@ -106,7 +106,7 @@ async def simulation(folder: Path, scale: float = 1.0, **optics: Any) -> AsyncIt
         configuration(folder, **optics), time_scale=scale, time_since_ns=time.time_ns()
     )
     layer, errors = build_layer(config, NetworkClock(config.time), None), list[BaseException]()
-    server = build_server(config, build_service(config, layer, errors.append))
+    server = Server(config, build_service(config, layer, errors.append))
     await server.start()
     bench = Bench(layer, server, config)
     try:
