@@ -33,6 +33,7 @@ from evidence.replay.replay import replay
 from wire import dispatcher_record
 from wire.dispatcher_pb2 import (
     AdjustFiberRequest,
+    AdjustMemoryRequest,
     ApplyRequest,
     Connection,
     CreateRequest,
@@ -326,6 +327,8 @@ def test_every_noise_that_there_is_is_replayed(tmp_path: Path, damping: str, kra
                 "AdjustFiber", AdjustFiberRequest(a="alice", b="bob", calibrate=True)
             )
             await bench.alice.send((block(number, 1), "alice-q9"), rate_hz=10_000)
+            memory = AdjustMemoryRequest(node="bob", settings={"t2_s": 0.15 / (1 + number)})
+            await bench.runner.call("AdjustMemory", memory)
             for half in (0, 1):
                 await bench.bob.receive(block(number, half), "bob-q9")
             await bench.bob.bell_measure(block(number, 0), block(number, 1))
@@ -338,7 +341,7 @@ def test_every_noise_that_there_is_is_replayed(tmp_path: Path, damping: str, kra
     fibers = with_fibers(configuration(tmp_path), length_km=0.3, **everything).fibers
     changes |= {"fibers": fibers, "devices": {"alice": device, "bob": device}}
     content, log = recorded(tmp_path, NetworkClock(), act, **changes)
-    for word in ("calibrate", "dark", "in pulses", "after 0.0"):
+    for word in ("calibrate", "memory: t2_s 0.05", "dark", "in pulses", "after 0.0"):
         assert word in log
     assert replayed(content, allow_code=kraus) == log
 
