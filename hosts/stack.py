@@ -127,8 +127,7 @@ class Stack:
         name = fields.pop("service", None)
         kind = NAMED.get(name) if isinstance(name, str) else None
         if kind is None:
-            text = f"unknown service {name!r}: {remedy(str(name), sorted(NAMED))}"
-            raise unsupported(text)
+            raise unsupported(f"unknown service {name!r}: {remedy(str(name), sorted(NAMED))}")
         options = kind.options.from_fields(fields)
         peer = self._peer(options.host)
         source, address = self._peer(self._source_of(options))
@@ -179,8 +178,7 @@ class Stack:
             return self._emit_pairs
         kind = KINDS.get(Service(setup.service))
         if kind is None:
-            text = f"this host does not offer {Service(setup.service).name}"
-            raise unsupported(text)
+            raise unsupported(f"this host does not offer {Service(setup.service).name}")
         joins = setup.handshake == Handshake.ONE_PAIR and Handshake.ONE_PAIR in kind.handshakes
         return self._join if joins else self._accept
 

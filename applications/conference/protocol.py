@@ -112,5 +112,4 @@ class ConferenceOptions(GhzOptions):
         for name, most in (("test_fraction", 0.5), ("max_qber", 0.5), ("epsilon", 1)):
             value = getattr(self, name)
             if not isinstance(value, float) or not 0 < value < most:
-                text = f"{name} {value!r}: choose a fraction between 0 and {most}"
-                raise unsupported(text)
+                raise unsupported(f"{name} {value!r}: choose a fraction between 0 and {most}")

@@ -34,5 +34,4 @@ class GhzOptions(ServiceOptions):
             text = f"line {self.line}: name {LEAST_HOSTS} to {MOST_HOSTS}, each once, as A,B,C"
             raise unsupported(text)
         if names[1] != self.host:
-            text = f"line {self.line}: {self.host} is asked, so it has to be the second"
-            raise unsupported(text)
+            raise unsupported(f"line {self.line}: {self.host} is asked, so it has to be the second")

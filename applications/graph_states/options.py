@@ -50,5 +50,4 @@ class GraphOptions(GhzOptions):
         try:
             self.edges.left()
         except ValueError as error:
-            text = f"graph {self.graph} without {self.hub}: {error}"
-            raise unsupported(text) from error
+            raise unsupported(f"graph {self.graph} without {self.hub}: {error}") from error

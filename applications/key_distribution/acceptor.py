@@ -148,8 +148,7 @@ def measuring_half(
 
 def out_of_turn(message: Message, peer: str) -> SessionError:
     """Return the failure that a message is which must not come now."""
-    what = f"{type(message).__name__} from {peer} out of its turn"
-    return SessionError(Reason.PROTOCOL, what)
+    return SessionError(Reason.PROTOCOL, f"{type(message).__name__} from {peer} out of its turn")
 
 
 @dataclass

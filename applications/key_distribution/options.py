@@ -84,8 +84,7 @@ class KeyOptions(ServiceOptions):
         for name in ("max_qber", "test_fraction", "epsilon", "chsh_fraction", "chsh_margin"):
             value = getattr(self, name)
             if not isinstance(value, float) or not 0 < value < 1:
-                text = f"{name} {value!r}: choose a fraction between 0 and 1"
-                raise unsupported(text)
+                raise unsupported(f"{name} {value!r}: choose a fraction between 0 and 1")
         try:
             self.parameters()
         except ValueError as error:
@@ -121,5 +120,4 @@ def check_seconds(seconds: Any) -> None:
     """Raise SessionError unless a session can be asked to last so long."""
     is_number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
     if not is_number or not 0 <= seconds <= MAX_SECONDS:
-        text = f"seconds {seconds!r}: choose up to {MAX_SECONDS:.0f}, or 0 for a count"
-        raise unsupported(text)
+        raise unsupported(f"seconds {seconds!r}: choose up to {MAX_SECONDS:.0f}, or 0 for a count")

@@ -72,8 +72,7 @@ class Heralding:
         if name.half not in HALVES:
             raise invalid(f"half {name.half} of a pair; name 0 or 1")
         if any(layer.ownership.taken(name._replace(half=half), node) for half in HALVES):
-            message = f"{name} exists; take another number"
-            raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)
+            raise Refusal(grpc.StatusCode.ALREADY_EXISTS, f"{name} exists; take another number")
         layer.record(node, "attempt", port=port, detail=str(name))
         return Offer(name, end, frequency_mhz, cutoff_s)
 

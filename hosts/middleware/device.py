@@ -164,8 +164,7 @@ class Device:
     def set(self, settings: DeviceSettings) -> None:
         """Override what sessions use that begin from now on; SessionError if it cannot be had."""
         if settings.fec is not None and settings.fec not in CODES:
-            text = f"fec {settings.fec} is not known: choose one of {', '.join(NAMES)}"
-            raise unsupported(text)
+            raise unsupported(f"fec {settings.fec} is not known: choose one of {', '.join(NAMES)}")
         if settings.compensate_s != self.settings.compensate_s:
             self.compensate(settings.compensate_s)
         self.settings = settings

@@ -190,8 +190,7 @@ class ApplicationsPort:
         self, _fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
         if self.unit is None:
-            text = "this host has no processing unit: install the package applications"
-            raise unsupported(text)
+            raise unsupported("this host has no processing unit: install the package applications")
         await self.unit.serve_application(reader, writer)
 
     async def _serve_listener(

@@ -98,8 +98,7 @@ def interception(
     `qnic_at` returns the QNIC that sends at a wavelength (pm).
     """
     if not INTERCEPTIONS:
-        text = "this host attacks no light: install the package applications"
-        raise unsupported(text)
+        raise unsupported("this host attacks no light: install the package applications")
     (entry,) = INTERCEPTIONS
     prepare: Prepare = entry.load()
     return prepare(config, qnic_at, fields)

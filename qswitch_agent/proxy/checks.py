@@ -139,8 +139,7 @@ def concerns_light(mod: FlowMod, switch: Switch) -> bool:
                 f"table {mod.table} of a switch that has table 0 alone",
             )
         if ofp.OFPIT_GOTO_TABLE in mod.instructions.kinds:
-            reason = "there is no further table to go to"
-            raise refusals.unsupported_instruction(reason)
+            raise refusals.unsupported_instruction("there is no further table to go to")
     return light
 
 
@@ -168,11 +167,9 @@ def checked_port_mod(message: bytes, switch: Switch) -> tuple[PortMod, Tunings]:
         raise refusals.bad_property(f"a cut-off of {mod.cutoff_s:g} s at port {mod.number}")
     if mod.number not in switch.fibers:
         if mod.number not in switch.ports:
-            reason = f"there is no port {mod.number}"
-            raise refusals.bad_port(reason)
+            raise refusals.bad_port(f"there is no port {mod.number}")
         if mod.tuning:
-            reason = f"port {mod.number} has no optics"
-            raise refusals.bad_property(reason)
+            raise refusals.bad_property(f"port {mod.number} has no optics")
         down = bool(mod.config & ofp.OFPPC_PORT_DOWN)
         sets_down = mod.number in switch.inner and mod.mask & ofp.OFPPC_PORT_DOWN
         tuned = Tuned(None, None, cutoff_s=mod.cutoff_s, down=down if sets_down else None)
@@ -187,13 +184,11 @@ def checked_port_mod(message: bytes, switch: Switch) -> tuple[PortMod, Tunings]:
 def require_no_light(group_mod: bytes, switch: Switch) -> None:
     """Raise Refusal for a new group if the switch has none, or if it would lead into a fibre."""
     if switch.optical_alone and packets.command(group_mod) == ofp.OFPGC_ADD:
-        reason = "light has no groups"
-        raise refusals.out_of_groups(reason)
+        raise refusals.out_of_groups("light has no groups")
     require_no_fiber(packets.group_outputs(group_mod), switch.light_ports)
 
 
 def require_meters(meter_mod: bytes, switch: Switch) -> None:
     """Raise Refusal for a new meter if the switch has none."""
     if switch.optical_alone and packets.command(meter_mod) == ofp.OFPMC_ADD:
-        reason = "light has no meters"
-        raise refusals.out_of_meters(reason)
+        raise refusals.out_of_meters("light has no meters")

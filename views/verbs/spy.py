@@ -133,8 +133,7 @@ def of_this_node(options: SpyOptions, stack: str) -> Iterator[Event]:
     node = Path(stack).stem
     follow = options.follow is not False
     if not follow and not options.history:
-        text = f"--no-follow on {node}: add --history, or there is nothing to show"
-        raise BadFilter(text)
+        raise BadFilter(f"--no-follow on {node}: add --history, or there is nothing to show")
     for name in options.node:
         if name != node:
             raise BadFilter(

@@ -82,8 +82,7 @@ def _check(setup: Setup, request: Emit) -> None:
     counted = setup.memory in (MemoryState.HERALDED, MemoryState.RELAYED)
     most = MAX_BLOCK_PAIRS if counted else MAX_BLOCK_PULSES
     if not 0 < request.pairs <= most:
-        text = f"a block of {request.pairs} pairs: choose 1 to {most} (block_pairs)"
-        raise unsupported(text)
+        raise unsupported(f"a block of {request.pairs} pairs: choose 1 to {most} (block_pairs)")
     if not 0 < request.rate_hz <= setup.rate_hz:
         text = f"{request.rate_hz} pairs a second: {setup.rate_hz} at most were granted"
         raise SessionError(Reason.NOT_ALLOWED, text)

@@ -237,8 +237,7 @@ def check_asked(setup: Setup, handshakes: Sequence[Handshake]) -> None:
         raise unsupported(text)
     most = most_in_block(service)
     if setup.pairs > most:
-        text = f"blocks of {setup.pairs} pairs: choose 1 to {most} (block_pairs)"
-        raise unsupported(text)
+        raise unsupported(f"blocks of {setup.pairs} pairs: choose 1 to {most} (block_pairs)")
     if setup.fidelity_ppm > CERTAIN_PPM:
         text = f"a fidelity of {setup.fidelity_ppm} millionths: choose 0 to {CERTAIN_PPM}"
         raise unsupported(text)

@@ -66,8 +66,7 @@ class SuperdenseOptions(SessionOptions):
     def check(self) -> None:
         super().check()
         if not isinstance(self.interleave, bool):
-            text = f"interleave {self.interleave!r}: choose True or False"
-            raise unsupported(text)
+            raise unsupported(f"interleave {self.interleave!r}: choose True or False")
 
 
 def sent_half(setup: Setup) -> int:
