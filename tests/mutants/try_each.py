@@ -20,7 +20,7 @@ from bugs import ROOT, Bug, bugs, nearest_tests
 
 PYTEST = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-p", "garbage"]
 DAY = ["-p", "nightly", "-m", "not nightly", "--tb=no", "-rfE"]
-LONGEST = "--timeout=120"  # seconds of a test: what hangs is noticed
+LONGEST = "--timeout=120", "--timeout-method=thread"  # what hangs is noticed, and ends
 MOST_S = 1_800.0  # of all that is run at once
 FORMATS = "tests/unit/test_wire_formats.py"  # of every room
 FAILED = re.compile(r"^(?:FAILED|ERROR) ([^\s\[]+)", re.M)  # without parameters
@@ -57,7 +57,7 @@ def failure(tree: Path, tests: Sequence[str], excluded: Sequence[str] = ()) -> s
     namespaces = ["topologies/own_namespaces"] if tests[0].startswith("tests/emulation") else []
     try:
         done = subprocess.run(
-            [*namespaces, *PYTEST, *DAY, LONGEST, *map(left_out_by, excluded), *tests],
+            [*namespaces, *PYTEST, *DAY, *LONGEST, *map(left_out_by, excluded), *tests],
             cwd=tree,
             env=environment,
             stdin=subprocess.DEVNULL,

@@ -167,8 +167,8 @@ def test_few_pairs_cost_few_more_than_their_sample(tmp_path: Path, capacity: int
     assert 42 <= alice["emitted"] <= 42 * 1.05 + 4
     for end in (alice, bob):
         assert 0 <= end["fidelity_age_s"] <= end["elapsed_s"]
-        # Of ions that keep for hours.
-        assert end["fidelity_expected"] == pytest.approx(end["fidelity"], rel=1e-6)
+        # Of ions that keep for days: a minute of the machine takes less.
+        assert end["fidelity_expected"] == pytest.approx(end["fidelity"], rel=1e-4)
 
 
 def test_the_fidelity_at_delivery_is_that_of_the_sample_decayed_since(tmp_path: Path) -> None:
