@@ -112,7 +112,7 @@ def _turn(fibers: NDArray[np.float64]) -> Rotation:
 @pytest.mark.parametrize(
     "days",
     [
-        pytest.param(Days(8, 605, 2.0, 600, 11), id="an hour"),
+        pytest.param(Days(5, 605, 2.0, 600, 11), id="an hour"),
         *(
             pytest.param(Days(36, 2400, 0.6, 1800, every_s), id=name, marks=pytest.mark.nightly)
             for name, every_s in {"a day": 210, "a day without": None}.items()

@@ -79,7 +79,7 @@ EFFECTS: dict[str, tuple[list[str], float]] = {
 }
 
 
-@pytest.mark.by_day(every=10)
+@pytest.mark.nightly
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_keys_have_the_errors_of_each_effect(tmp_path: Path, effect: str) -> None:
     words, qber = EFFECTS[effect]
@@ -155,7 +155,7 @@ def test_unlike_detectors_do_not_tell_what_linear_optics_cannot(tmp_path: Path) 
     assert abs(seen / sent - expected) < 5 * sqrt(expected * (1 - expected) / sent)
 
 
-@pytest.mark.by_day(every=2)
+@pytest.mark.nightly
 @pytest.mark.parametrize("scrambled", [False, True])
 def test_single_clicks_herald_pairs_as_good_as_qubits_are_dark(
     tmp_path: Path, scrambled: bool

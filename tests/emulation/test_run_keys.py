@@ -36,7 +36,7 @@ def test_an_eavesdropper_comes_and_leaves_on_one_time_line(tmp_path: Path) -> No
     marks = ("--low-mark", "4000", "--high-mark", "4000", "--session-bits", "12000")
     eve = ("--eve", "1", "--at", "2", "--until", "4")
     done, result = run_keys(
-        tmp_path, "--seconds", "15", "--withhold", "--without", "events", *marks, *eve
+        tmp_path, "--seconds", "10", "--withhold", "--without", "events", *marks, *eve
     )
     assert done.returncode == 0, done.stdout + done.stderr
     moments = result["job"]["time_series"]

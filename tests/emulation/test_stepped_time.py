@@ -171,9 +171,9 @@ def main(app_config=None, wait_s=0.0):
     own, other = app_config.app_name, "bob" if app_config.app_name == "alice" else "alice"
     texts, pairs = Socket(own, other), EPRSocket(other)
     outcomes, began_s = [], time.monotonic()
-    for _ in range(20):
-        with NetQASMConnection(own, epr_sockets=[pairs]) as processor:
-            halves = pairs.create_keep(5) if own == "alice" else pairs.recv_keep(5)
+    for _ in range(10):
+        with NetQASMConnection(own, epr_sockets=[pairs], max_qubits=10) as processor:
+            halves = pairs.create_keep(10) if own == "alice" else pairs.recv_keep(10)
             processor.flush()
             time.sleep(wait_s)
             for half in halves:
@@ -201,7 +201,7 @@ def test_pauses_of_a_netqasm_program_dephase_what_waits_as_long_as_they_say(
     alice, bob = (np.array(outputs[role]["outcomes"]) for role in ("alice", "bob"))
     agree = (1 + math.exp(-wait_s / T2_S)) / 2
     assert abs((alice == bob).mean() - agree) < 5 * math.sqrt(agree * (1 - agree) / len(bob))
-    assert outputs["bob"]["took_s"] == pytest.approx(20 * wait_s, rel=0.01)
+    assert outputs["bob"]["took_s"] == pytest.approx(10 * wait_s, rel=0.01)
 
 
 SCRIPT = """
