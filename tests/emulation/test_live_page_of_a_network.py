@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from conftest import qmn, wait_until
 from loaded import Running, running_qmn
+from test_emulated_sweep import require_theory
 
 from topologies.system.runs.runtime import MACHINE_PAGES
 from views.live.acts import ACTS
@@ -133,7 +134,9 @@ def test_a_run_has_its_page_as_long_as_it_lasts(tmp_path: Path) -> None:
 
 
 @pytest.mark.waits
-def test_networks_apart_have_their_pages_at_one_address(tmp_path: Path) -> None:
+def test_networks_apart_have_their_pages_at_one_address_and_measure_what_theory_says(
+    tmp_path: Path,
+) -> None:
     long = ["--message", "x" * 5000, "--rate-hz", "4000", "--frame-bytes", "32"]  # 5 s of light
     grid = ["--emulate", "--workers", "2", "--depolarizing", "0,0.001", *long]
     out = ["--out", str(tmp_path)]
@@ -153,6 +156,7 @@ def test_networks_apart_have_their_pages_at_one_address(tmp_path: Path) -> None:
         wait_until(lambda: not said_at(f"{url}networks")["running"], "their end", DEADLINE_S)
     assert sweep.returncode == 0
     assert not answers(url)
+    require_theory(tmp_path, "0.0", "0.001")
 
 
 def test_all_networks_of_a_machine_have_one_page(tmp_path: Path) -> None:
