@@ -167,6 +167,7 @@ def test_bob_cannot_tell_what_alice_does(backend: str, what: str) -> None:
         assert abs(laboratory.ones(basis) - size * chance) < 5 * sigma
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("what", ALICE_DOES)
 def test_bob_cannot_tell_what_alice_does_to_single_photons(what: str) -> None:
     size = 100

@@ -109,6 +109,7 @@ async def heralded(device: Device) -> Heralded:
     return Heralded(seconds, attempts, right, measured)
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize(
     ("device", "published"),
     [(NV_CENTRE, NV), (ION_TRAP, ION), (ATOMIC_ENSEMBLE, ENSEMBLE)],

@@ -18,6 +18,7 @@ def test_the_capacity_at_the_experiments_p_is_the_experiments() -> None:
     assert theory.capacity(theory.EXPERIMENT_P) == pytest.approx(1.665, abs=5e-4)
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize(
     ("p", "code", "consecutive", "interleaved"),
     [

@@ -66,6 +66,7 @@ def broken(
     return network_loop.run(run())
 
 
+@pytest.mark.by_day(every=2)
 @services
 def test_a_host_that_hears_late_of_its_light_does_not_take_it_for_lost(
     tmp_path: Path, service: str, monkeypatch: pytest.MonkeyPatch
@@ -150,6 +151,7 @@ class LastWord:
         return self._finished and way == "back"
 
 
+@pytest.mark.by_day(every=2)
 @services
 def test_without_the_last_answer_nobody_takes_the_session_for_ended_well(
     tmp_path: Path, service: str

@@ -92,6 +92,7 @@ def first_of_each(recorder: Recorder) -> list[Setup]:
     return list({host_of(setup): setup for setup in reversed(recorder.granted)}.values())
 
 
+@pytest.mark.by_day(every=2)
 @services
 def test_a_set_up_that_is_sent_again_later_opens_nothing(tmp_path: Path, service_name: str) -> None:
     recorder = Recorder()
@@ -119,7 +120,7 @@ def _listening(folder: Path, service_name: str) -> QuantumSocket | ServiceSocket
     return waiting
 
 
-@pytest.mark.by_day(every=8)
+@pytest.mark.by_day(every=11)
 @pytest.mark.parametrize(
     ("service_name", "other"),
     [*product(SERVICES, SERVICES)],

@@ -96,6 +96,7 @@ def usual(service: str) -> Fields:
     return {name: value for name, value in once.items() if again[name] == value}
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("service", SERVICES)
 def test_settings_that_are_refused_change_nothing(service: str) -> None:
     devices = {
@@ -106,7 +107,7 @@ def test_settings_that_are_refused_change_nothing(service: str) -> None:
     assert {name: found[name] for name in usual(service)} == usual(service)
 
 
-@pytest.mark.by_day(every=4)
+@pytest.mark.by_day(every=6)
 @pytest.mark.parametrize(
     ("service", "host", "part"),
     [

@@ -133,6 +133,7 @@ def test_the_drawing_is_zoomed_by_buttons_and_wheel_and_dragged(
         page.close()
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("width", [390, 1400])
 def test_no_names_of_a_map_overlap_at_any_zoom(
     chromium: Browser, tmp_path: Path, text: list[str], width: int
