@@ -11,41 +11,30 @@ from hosts.hardware.replies import (
     coincidences_of,
     stored_of,
 )
+from hosts.hardware.steps import Pulses
 from wire.dispatcher_pb2 import AttemptRequest, CreateRequest, Step
 from wire.optical import frequency_mhz
 
 
 async def emit_pairs(
-    qnic: Qnic,
-    session: int,
-    number: int,
-    count: int,
-    ports: tuple[str, str],
-    rate_hz: int,
-    wavelength_pm: int,
+    qnic: Qnic, session: int, number: int, count: int, ports: tuple[str, str], pulses: Pulses
 ) -> None:
     """Make count Bell pairs Phi+ and send their halves 0 and 1 into two ports.
 
     Return when the last photon has left.
     """
-    await qnic.perform(*steps.emission(session, number, count, ports, rate_hz, wavelength_pm))
+    await qnic.perform(*steps.emission(session, number, count, ports, pulses))
 
 
 async def begin_pairs(
-    qnic: Qnic,
-    session: int,
-    number: int,
-    count: int,
-    ports: tuple[str, str],
-    rate_hz: int,
-    wavelength_pm: int,
+    qnic: Qnic, session: int, number: int, count: int, ports: tuple[str, str], pulses: Pulses
 ) -> None:
-    emission = steps.emission(session, number, count, ports, rate_hz, wavelength_pm)
+    emission = steps.emission(session, number, count, ports, pulses)
     qnic.begin(session, *emission)
 
 
 async def share_pairs(
-    qnic: Qnic, session: int, number: int, count: int, port: str, rate_hz: int, wavelength_pm: int
+    qnic: Qnic, session: int, number: int, count: int, port: str, pulses: Pulses
 ) -> Stored:
     """Make count Bell pairs Phi+, store their halves 0, and send halves 1 into a port.
 
@@ -56,7 +45,7 @@ async def share_pairs(
     _made, stored, sent = await qnic.perform(
         Step(create=create),
         steps.store(near, qnic.cutoff_s),
-        steps.send({far: port}, rate_hz, wavelength_pm),
+        steps.send({far: port}, pulses),
     )
     return stored_of(stored.arrived, sent)
 
@@ -81,13 +70,7 @@ async def attempt(
 
 
 async def modulate(
-    qnic: Qnic,
-    block: BlockName,
-    paulis: Symbols,
-    port: str,
-    rate_hz: int,
-    wavelength_pm: int,
-    timeout_s: float,
+    qnic: Qnic, block: BlockName, paulis: Symbols, port: str, pulses: Pulses, timeout_s: float
 ) -> int:
     """Apply one Pauli operator (two bits: X, Z) to each photon that arrives; shape (k,).
 
@@ -97,7 +80,7 @@ async def modulate(
     feedbacks = await qnic.perform(
         steps.receive(block, port, timeout_s),
         steps.apply(block, paulis),
-        steps.send({block: port}, rate_hz, wavelength_pm),
+        steps.send({block: port}, pulses),
     )
     return int(feedbacks[-1].first_ns)
 

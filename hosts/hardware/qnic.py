@@ -71,7 +71,9 @@ class Qnic(Primitives):
 
         Return when the last photon has left.
         """
-        (feedback,) = await self.perform(steps.send({block: port}, rate_hz, wavelength_pm))
+        (feedback,) = await self.perform(
+            steps.send({block: port}, steps.Pulses(rate_hz, wavelength_pm))
+        )
         return int(feedback.first_ns)
 
     async def receive(self, block: BlockName, port: str, timeout_s: float) -> Received:

@@ -1,6 +1,7 @@
 """Steps of the dispatcher's orders: blocks by name, and arrays in the fewest bytes."""
 
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,11 @@ from wire.dispatcher_pb2 import (
 )
 from wire.keyed import KeyedChoices
 from wire.optical import frequency_mhz
+
+
+class Pulses(NamedTuple):
+    rate_hz: int
+    wavelength_pm: int
 
 
 def block_id(block: BlockName) -> BlockId:
@@ -61,22 +67,17 @@ def measure_by_key(block: BlockName, key: bytes) -> Step:
 
 
 def emission(
-    session: int,
-    number: int,
-    count: int,
-    ports: tuple[str, str],
-    rate_hz: int,
-    wavelength_pm: int,
+    session: int, number: int, count: int, ports: tuple[str, str], pulses: Pulses
 ) -> tuple[Step, Step]:
     create = CreateRequest(session=session, number=number, count=count)
-    light = dict(zip(halves(session, number), ports, strict=True))
-    return Step(create=create), send(light, rate_hz, wavelength_pm)
+    return Step(create=create), send(dict(zip(halves(session, number), ports, strict=True)), pulses)
 
 
-def send(light: dict[BlockName, str], rate_hz: int, wavelength_pm: int) -> Step:
+def send(light: dict[BlockName, str], pulses: Pulses) -> Step:
     launches = [Launch(block=block_id(block), port=port) for block, port in light.items()]
-    frequency = frequency_mhz(wavelength_pm)
-    return Step(send=SendRequest(launches=launches, rate_hz=rate_hz, frequency_mhz=frequency))
+    frequency = frequency_mhz(pulses.wavelength_pm)
+    request = SendRequest(launches=launches, rate_hz=pulses.rate_hz, frequency_mhz=frequency)
+    return Step(send=request)
 
 
 def receive(block: BlockName, port: str, timeout_s: float) -> Step:

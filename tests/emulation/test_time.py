@@ -39,12 +39,13 @@ import asyncio, sys, time
 from hosts.hardware import pair_light
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.simulated import SimulatedQnic
+from hosts.hardware.steps import Pulses
 
 async def emit(dispatcher, token, *ports):
     qnic = SimulatedQnic(dispatcher, token, list(ports))
     for number in range({EMISSIONS}):
         began_s = time.monotonic()
-        await pair_light.emit_pairs(qnic, 7, number, 10, ports, 1_000_000_000, 1_550_000)
+        await pair_light.emit_pairs(qnic, 7, number, 10, ports, Pulses(1_000_000_000, 1_550_000))
         print(time.monotonic() - began_s)
     await qnic.close()
 

@@ -13,6 +13,7 @@ from hosts.hardware import pair_light
 from hosts.hardware.block_name import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import HardwareError
+from hosts.hardware.steps import Pulses
 from hosts.middleware.session.errors import SessionError, unexpected, unsupported
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_BLOCK_PULSES
 from hosts.middleware.session.protocol import (
@@ -32,7 +33,7 @@ from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import MemoryState, Reason
 from wire.outcomes import NO_COINCIDENCE
 
-Emitting = Callable[[Qnic, int, int, int, tuple[str, str], int, int], Coroutine[Any, Any, None]]
+Emitting = Callable[[Qnic, int, int, int, tuple[str, str], Pulses], Coroutine[Any, Any, None]]
 MOST_BEGUN = 16  # blocks of a session that follow each other without a look at what becomes of them
 MOST_RELAYED = 1 << 31  # blocks; each has two numbers
 
@@ -114,7 +115,7 @@ def relayed_blocks(session: int, number: int) -> tuple[BlockName, BlockName]:
 
 
 def _emit(side: Side, request: Emit, how: Emitting) -> Steps[None]:
-    session, wavelength_pm = side.setup.session, side.setup.wavelength_pm
-    block, pairs, rate_hz = request.block, request.pairs, request.rate_hz
+    session, block, pairs = side.setup.session, request.block, request.pairs
+    pulses = Pulses(request.rate_hz, side.setup.wavelength_pm)
     first, second = side.ports[:2]
-    yield from do(how, session, block, pairs, (first, second), rate_hz, wavelength_pm)
+    yield from do(how, session, block, pairs, (first, second), pulses)

@@ -79,6 +79,7 @@ from numpy.typing import ArrayLike
 from hosts.hardware import pair_light
 from hosts.hardware.block_name import BlockName
 from hosts.hardware.replies import Stored
+from hosts.hardware.steps import Pulses
 from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.values import Lifetimes, Numbers, expect, values
 from hosts.timeouts import (
@@ -416,12 +417,8 @@ class OpenerSide(HostSide):
 def own_pairs(side: Side, number: int, count: int, port: str) -> Steps[Stored]:
     """Make a block of pairs at this host and send half 1 into a port; return the kept halves."""
     setup = side.setup
-    rate_hz, wavelength_pm = setup.rate_hz, setup.wavelength_pm
-    return (
-        yield from do(
-            pair_light.share_pairs, setup.session, number, count, port, rate_hz, wavelength_pm
-        )
-    )
+    pulses = Pulses(setup.rate_hz, setup.wavelength_pm)
+    return (yield from do(pair_light.share_pairs, setup.session, number, count, port, pulses))
 
 
 def do(

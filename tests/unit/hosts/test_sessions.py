@@ -18,6 +18,7 @@ from hosts import network_loop
 from hosts.hardware import pair_light
 from hosts.hardware.block_name import BlockName
 from hosts.hardware.simulated import SimulatedQnic
+from hosts.hardware.steps import Pulses
 from hosts.middleware.services.superdense import opener, sender
 from hosts.middleware.services.superdense.coding import CODES, NAMES
 from hosts.middleware.services.superdense.frame_format import FrameFormat
@@ -279,9 +280,10 @@ def test_modulated_light_leaves_with_the_wavelength_of_its_session(tmp_path: Pat
                 for name in ("charlie", "alice")
             )
             light = ("charlie-q0", "charlie-q1")
-            await pair_light.emit_pairs(charlie, 9, 0, 100, light, rate_hz, 1_550_120)
+            await pair_light.emit_pairs(charlie, 9, 0, 100, light, Pulses(rate_hz, 1_550_120))
             name = BlockName(9, 0, 0)
-            await pair_light.modulate(alice, name, paulis, "alice-q0", rate_hz, wavelength_pm, 5.0)
+            pulses = Pulses(rate_hz, wavelength_pm)
+            await pair_light.modulate(alice, name, paulis, "alice-q0", pulses, 5.0)
             await alice.close()
             await charlie.close()
             return await photons_lost(dispatcher, PORTS["alice-q0"])

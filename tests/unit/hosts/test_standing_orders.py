@@ -15,6 +15,7 @@ from hosts.hardware.block_name import BlockName
 from hosts.hardware.pair_light import begin_pairs, detect_pairs, modulate
 from hosts.hardware.replies import Coincidences, HardwareError
 from hosts.hardware.simulated import TIMES, SimulatedQnic
+from hosts.hardware.steps import Pulses
 from hosts.middleware.session.channel import MetadataChannel
 from wire.dispatcher_pb2 import Step, TellRequest
 from wire.metadata.blocks import Emission, Emitted
@@ -23,6 +24,7 @@ from wire.metadata.vocabulary import Reason, Service
 
 SESSION, RATE_HZ, WAVELENGTH_PM, TIMEOUT_S = 9, 50_000_000, 1_550_120, 10.0
 PORTS = ("charlie-q0", "charlie-q1")
+PULSES = Pulses(RATE_HZ, WAVELENGTH_PM)
 BEHIND = Step(tell=TellRequest(text="behind that"))
 # Each operator makes the Bell state of its own number of Phi+: X Psi+, Z Phi-, XZ Psi-.
 PAULIS = np.array([0, 1, 2, 3, 2, 1], dtype=np.uint8)
@@ -40,10 +42,9 @@ class Hosts:
 
     async def light(self, number: int) -> None:
         """Send a block by way of alice to bob."""
-        await begin_pairs(self.charlie, SESSION, number, 6, PORTS, RATE_HZ, WAVELENGTH_PM)
+        await begin_pairs(self.charlie, SESSION, number, 6, PORTS, PULSES)
         half = BlockName(SESSION, number, 0)
-        light = RATE_HZ, WAVELENGTH_PM, TIMEOUT_S
-        await modulate(self.alice, half, np.roll(PAULIS, number), "alice-q0", *light)
+        await modulate(self.alice, half, np.roll(PAULIS, number), "alice-q0", PULSES, TIMEOUT_S)
         await self.charlie.finish(SESSION)
 
     async def detected(self, number: int) -> Coincidences:
@@ -122,18 +123,18 @@ def test_pairs_that_cannot_be_made_are_heard_of_by_who_asks(tmp_path: Path) -> N
     async def run() -> None:
         async with hosts(tmp_path) as made:
             charlie = made.charlie
-            await begin_pairs(charlie, SESSION, 1, 6, PORTS, 0, WAVELENGTH_PM)
+            await begin_pairs(charlie, SESSION, 1, 6, PORTS, PULSES._replace(rate_hz=0))
             for _ in range(2):
                 with pytest.raises(HardwareError, match="rate_hz is 0"):
                     await charlie.finish(SESSION)
             with pytest.raises(HardwareError, match="rate_hz is 0"):
-                await begin_pairs(charlie, SESSION, 2, 6, PORTS, RATE_HZ, WAVELENGTH_PM)
-            await begin_pairs(charlie, SESSION + 1, 1, 6, PORTS, RATE_HZ, WAVELENGTH_PM)
+                await begin_pairs(charlie, SESSION, 2, 6, PORTS, PULSES)
+            await begin_pairs(charlie, SESSION + 1, 1, 6, PORTS, PULSES)
             await charlie.finish(SESSION + 1)
             await charlie.finish(SESSION + 2)  # of which nothing was begun
             await charlie.discard(SESSION)
             await charlie.finish(SESSION)  # nothing is heard of it any more
-            await begin_pairs(charlie, SESSION, 3, 6, PORTS, RATE_HZ, WAVELENGTH_PM)
+            await begin_pairs(charlie, SESSION, 3, 6, PORTS, PULSES)
             await charlie.finish(SESSION)
 
     network_loop.run(run())

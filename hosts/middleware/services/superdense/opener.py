@@ -41,6 +41,7 @@ from operator import contains
 from hosts.hardware import pair_light
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Symbols
+from hosts.hardware.steps import Pulses
 from hosts.middleware.services.superdense.frame_format import BLOCKS_UNDER_WAY
 from hosts.middleware.services.superdense.options import sent_half
 from hosts.middleware.services.superdense.sender import Light, Sender, Singles
@@ -218,15 +219,8 @@ class Opener:
         """Modulate this host's halves of a block that is being made, and send them on."""
         side, setup = self._side, self._side.setup
         half, port = side.block(number, sent_half(setup)), side.ports[0]
-        light = yield from begin(
-            pair_light.modulate,
-            half,
-            paulis,
-            port,
-            setup.rate_hz,
-            setup.wavelength_pm,
-            LIGHT_TIMEOUT_S,
-        )
+        pulses = Pulses(setup.rate_hz, setup.wavelength_pm)
+        light = yield from begin(pair_light.modulate, half, paulis, port, pulses, LIGHT_TIMEOUT_S)
         # The light may be on its way again before the source has answered.
         _left, sent_on = yield Await((source, light))
         if not sent_on:
