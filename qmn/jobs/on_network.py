@@ -90,8 +90,7 @@ def run(
     """
     of_job = {name: value for name, value in options.items() if name not in OF_NETWORK}
     of_network = {name: options[name] for name in options.keys() & OF_NETWORK}
-    label = f"{number}-{job}"
-    folder = network.runtime.logs / label
+    folder = network.runtime.logs / f"{number}-{job}"
     if job in STANDING:
         _require_same(made, job, of_network)
         planned = STANDING[job](network, made.description, of_job, folder)
@@ -107,6 +106,14 @@ def run(
     facts.network = network_facts(network)
     before = status(network)
     record.read()  # of jobs before
+    _perform(planned, facts)
+    note_light(facts, network, before)
+    note_outcome(facts, folder, record.read())
+    facts.write(folder)
+    return facts
+
+
+def _perform(planned: Planned, facts: RunResult) -> None:
     try:
         planned.perform()
         facts.delivered = True
@@ -114,10 +121,6 @@ def run(
         if not error.is_outcome:
             raise
         facts.error = str(error)
-    note_light(facts, network, before)
-    note_outcome(facts, folder, record.read())
-    facts.write(folder)
-    return facts
 
 
 def _planned(
