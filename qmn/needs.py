@@ -4,7 +4,7 @@ import argparse
 import enum
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from topologies.system.processes.programs import ROOT, NetworkError
 # Of an installed package it is beside Python, which it names to the program.
 PYTHON = os.environ.get("QMN_PYTHON")
 COMMAND = str(Path(PYTHON).with_name("qmn") if PYTHON else ROOT / "bin" / "qmn")
+OWN_FOLDER = Path("/run")  # is another one in a run
 CHOOSE = "several networks run: {}; choose one, as in `qmn enter --run {} qmn devices`"
 
 
@@ -57,10 +58,20 @@ def provide(arguments: argparse.Namespace, words: Sequence[str]) -> int | None:
         return None
     become_root(words)
     if needed is Needs.NETWORK:
+        _require_seen(vars(arguments).values())
         return _own_namespaces(arguments, words)
     if needed is Needs.RUNNING and (run := chosen()):
         namespaces.visit(run)
     return None
+
+
+def _require_seen(values: Collection[object]) -> None:
+    """Refuse what is in a folder that a run does not see: results there would be lost."""
+    named = (each for each in values if isinstance(each, str) and os.path.exists(each))
+    paths = (each for each in values if isinstance(each, Path))
+    for path in (*map(Path, named), *paths):
+        if path.is_absolute() and path.resolve().is_relative_to(OWN_FOLDER):
+            raise NetworkError(f"{path}: a run has a {OWN_FOLDER} of its own: use another folder")
 
 
 def chosen(keeper: int | None = None) -> RunningRun | None:

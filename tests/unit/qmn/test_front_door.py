@@ -14,8 +14,10 @@ import pytest
 import yaml
 from limits import SOON_S
 
+from qmn import needs
 from qmn.__main__ import described
 from qmn.needs import Needs, needs_of
+from topologies.system.processes.programs import NetworkError
 
 ROOT = Path(__file__).resolve().parents[3]
 QMN = ROOT / "bin" / "qmn"
@@ -97,6 +99,18 @@ def test_what_looks_at_files_or_computes_does_not(
     (tmp_path / "runs" / "latest").mkdir(parents=True)
     monkeypatch.chdir(tmp_path)
     assert needs_of(described(words.split()).parse_args(words.split())) is Needs.NOTHING
+
+
+@pytest.mark.parametrize("words", ["--runs /run/new", "--runs {link}/new", "--policy {link}"])
+def test_what_a_run_does_not_see_is_refused(
+    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of what lies in /run: results there would be lost."""
+    (link := tmp_path / "link").symlink_to("/run")
+    command = ["run", "sdc", *words.format(link=link).split()]
+    monkeypatch.setattr(needs, "become_root", lambda _words: None)
+    with pytest.raises(NetworkError, match="a run has a /run of its own"):
+        needs.provide(described(command).parse_args(command), command)
 
 
 def test_root_is_asked_of_sudo_with_the_very_same_words(tmp_path: Path) -> None:
