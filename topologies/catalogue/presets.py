@@ -1,6 +1,6 @@
 """Named sets of parameters for all fibres and all hosts' devices of a network, with their source.
 
-qmn run sdc --preset fiber-2017
+qmn run sdc --preset fiber-2017 --frame-bytes 8
 sudo PYTHONPATH=. mn --custom topologies/sdc.py --topo sdc,preset=metro
 """
 
