@@ -61,6 +61,10 @@ def test_no_light_needs_no_choice() -> None:
     assert PathLosses(3.0, 0.0).sent_on([10, 0, 0]) == (0.0, 0.0)
 
 
+def test_photons_that_all_come_alone_are_all_sent_on_where_nothing_is_lost() -> None:
+    assert PathLosses().sent_on([5, 10]) == (1.0, 1.0)
+
+
 def attacked(
     folder: Path, laser: Device, expected_db: float, by_eve: bool = True, **options: Any
 ) -> tuple[list[dict[str, Any]] | str, dict[str, Any]]:
