@@ -42,6 +42,7 @@ def test_pairs_of_two_swaps_dephase_by_the_sum_of_their_waits(tmp_path: Path) ->
         "swap", tmp_path, switches=2, length_km=10, device=memories, switch=parts
     ) as network:
         first = network.run("swap", **wanted)
+        network.send("alice", "bob", b"of no job")
         second = network.run("swap", switches=2, **wanted)
     for result in (first, second):
         figures = asked(result)
