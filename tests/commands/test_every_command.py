@@ -64,6 +64,7 @@ NOT_HERE = {
         "tests/emulation/test_switch_swaps.py"
     ),
     r"qmn> .* swap 9": "tests/emulation/test_switch_swaps.py",
+    r"qmn enter ovs-vsctl set": "takes c0 from the network that other commands share",
     rf"{re.escape(MININET)}.*light=standing": "tests/emulation/test_own_controller.py",
     r"qmn netqasm bell ": "tests/unit/applications/test_bundled_applications.py",
     r"cat > bell\.qasm|qmn .*bell\.qasm": "tests/unit/qmn/test_pages.py, with that file",
