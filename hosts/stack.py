@@ -103,9 +103,8 @@ class Stack:
         lifetimes = Lifetimes(config.t1_s, config.t2_s, config.depolarizing_s, cutoff_s)
         self._resources = replace(self._resources, lifetimes=lifetimes)
 
-    @property
-    def _current(self) -> HostResources:
-        """The resources of a new session, with the memory as it was adjusted last."""
+    def _resources_now(self) -> HostResources:
+        """Take over how the memory was adjusted last; return the resources of a new session."""
         with suppress(FileNotFoundError):
             text = Path(self._config.socket).with_suffix(ADJUSTED).read_text()
             self._config = replace(self._config, **json.loads(text))
@@ -145,7 +144,7 @@ class Stack:
         )
         setup = self.device.override(setup)
         arrangement = Arrangement(setup, peer, source, self._light)
-        return OpeningSession(kind, options, self._current, arrangement, setup, is_source)
+        return OpeningSession(kind, options, self._resources_now(), arrangement, setup, is_source)
 
     def intercept(self, fields: dict[str, Any]) -> Interception:
         """Prepare an interception; raise SessionError for what cannot be asked."""
@@ -215,7 +214,7 @@ class Stack:
 
     async def _accept(self, channel: MetadataChannel, setup: Setup) -> None:
         service = Service(setup.service)
-        session = AcceptingSession(KINDS[service], self._current, channel, setup)
+        session = AcceptingSession(KINDS[service], self._resources_now(), channel, setup)
         with self._engaged(setup, channel, Role.ACCEPTOR):
             incoming = self._attending(channel, setup)
             with self.device.accepts(session):

@@ -71,11 +71,13 @@ def _fixed(parts: Description) -> Description:
 
 
 def _note(network: Network, parts: Description) -> None:
-    """Tell stacks, and starters of programs; no session is open meanwhile."""
+    """Tell stacks, and starters of programs."""
     runtime = network.runtime
     for name, switch in parts.switches.items():
         runtime.switches[name] = replace(runtime.switches[name], memory=switch.memory)
     for name, device in parts.hosts.items():
         runtime.devices[name] = device
         times = {field: getattr(device.memory, field) for field in OF_HOSTS}
-        Path(runtime.socket(name)).with_suffix(ADJUSTED).write_text(json.dumps(times))
+        file = Path(runtime.socket(name)).with_suffix(ADJUSTED)
+        (written := file.with_suffix(".new")).write_text(json.dumps(times))
+        written.replace(file)  # whole, also for a session that begins now
