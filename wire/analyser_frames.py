@@ -17,7 +17,7 @@ analyser counts blocks from 1.
 """
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Literal, Self
@@ -160,6 +160,26 @@ def frames_of(report: AnalyserFrame) -> Iterator[AnalyserFrame]:
     for first in range(0, max(len(report.outcomes), 1), MOST_OUTCOMES):
         outcomes = report.outcomes[first : first + MOST_OUTCOMES]
         yield replace(report, first=first, outcomes=outcomes)
+
+
+class Parts:
+    """Frames of blocks, put together by the places that they come from."""
+
+    def __init__(self) -> None:
+        self._begun: dict[Hashable, AnalyserFrame] = {}
+
+    def whole(self, place: Hashable, frame: AnalyserFrame) -> AnalyserFrame | None:
+        """Return all of a block with its last frame, None before; MalformedPacket: one is lost."""
+        begun = self._begun.pop(place, None) if frame.first else None
+        before = begun.outcomes if begun and begun.number == frame.number else b""
+        if frame.first != len(before):
+            text = f"outcome {frame.first} of number {frame.number} comes behind {len(before)}"
+            raise MalformedPacket(text)
+        whole = replace(frame, first=0, outcomes=before + frame.outcomes)
+        if len(whole.outcomes) >= whole.pulses:
+            return whole
+        self._begun[place] = whole
+        return None
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ pairs are purified.
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import groupby
 from types import MappingProxyType
 from typing import NamedTuple
@@ -23,7 +23,8 @@ from controller_apps.light.paths import Hop
 from controller_apps.light.routing import LightPath
 from controller_apps.policy.schedules import UNPURIFIED, Purification, Span, schedule, spans
 from controller_apps.sessions.chain_pairs import Half, Pairs
-from wire.analyser_frames import MEASURING, AnalyserFrame, End, Receivers
+from wire.analyser_frames import MEASURING, AnalyserFrame, End, Parts, Receivers
+from wire.malformed import MalformedPacket
 from wire.parameters.switch import INNER_PORTS, Kind, inner_port
 
 Swap = tuple[Hop, ...]  # of one switch: its memories, left and right, to the inputs of its analyser
@@ -66,8 +67,7 @@ class SwapTurns:
     purification: Purification = UNPURIFIED
     hosts: Hosts = NOWHERE
     stations: tuple[SwitchPort, ...] = ()  # of all links, if pairs that they herald are purified
-    # Of ends and analysers: the frame that is not whole yet.
-    _begun: dict[SwitchPort | Receivers, AnalyserFrame] = field(default_factory=dict)
+    _parts: Parts = field(default_factory=Parts)  # of blocks, from ends and analysers
     # Heralds by block, of links whose other end, or station, has none yet.
     _held: defaultdict[SwitchPort, dict[int, AnalyserFrame]] = field(
         default_factory=lambda: defaultdict(dict)
@@ -89,13 +89,11 @@ class SwapTurns:
 
     def arrived(self, at: SwitchPort | Receivers, frame: AnalyserFrame) -> Due:
         """Take what a memory holds or has purified, or an analyser measured; return what is due."""
-        begun = self._begun.pop(at, None) if frame.first else None
-        before = begun.outcomes if begun and begun.number == frame.number else b""
-        if frame.first != len(before):  # a part of it was lost
+        try:
+            whole = self._parts.whole(at, frame)
+        except MalformedPacket:  # a part of it was lost
             return []
-        whole = replace(frame, first=0, outcomes=before + frame.outcomes)
-        if len(whole.outcomes) < whole.pulses:
-            self._begun[at] = whole
+        if whole is None:
             return []
         if whole.end == End.PURIFIED:
             due = self._compared(at, whole)

@@ -31,6 +31,7 @@ from dispatcher.operations.imperfections import over
 from dispatcher.operations.purification import Purification
 from dispatcher.operations.transport import Transport
 from dispatcher.refusal import Refusal, invalid, not_found
+from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.timeouts import FIRST_HERALD_S, MEMORY_WAIT_S
 from wire.analyser_frames import METHODS, SYMBOLS
@@ -63,8 +64,7 @@ class SwitchMemories:
         self._gathering = Gathering(layer)
         self._limits: dict[Block, asyncio.Task[None]] = {}
         self._numbers: dict[Block, int] = {}  # of the reports that they are held
-        self._orders: dict[Block, bytes] = {}  # of rounds of purification, as far as they came
-        self._named: set[Block] = set()  # whose pulses a controller has named, to the last
+        self._named: set[Block] = set()  # whose pulses a controller has named
         self._by_name: set[str] = set()  # memories that blocks leave only when they are named
         self._leads: dict[str, dict[int, int]] = {}  # outputs by input, of each switch
         self._sending: set[str] = set()  # memories whose light is on its way
@@ -120,7 +120,7 @@ class SwitchMemories:
                     self._analysers.report_nothing(self._partner_of(switch, nodes[0])[0])
 
     def keep(self, _node: str, request: KeepRequest) -> KeepReply:
-        """Discard pulses of a block that are not to leave; later requests may name others."""
+        """Discard pulses of a block that are not to leave, or have it purified."""
         if request.method not in (0, *METHODS) or request.outcomes.translate(None, SYMBOLS):
             raise invalid(f"method {request.method} or an outcome of it is none: see KeepRequest")
         blocks = (
@@ -132,40 +132,28 @@ class SwitchMemories:
         )
         block = next(blocks, None)
         named = np.frombuffer(request.outcomes, np.uint8)
-        if block is None or request.first + named.size > block.register.size:
+        if block is None or named.size != block.register.size:
             raise not_found(
-                f"no {request.first + named.size} pulses of number {request.number} are in the "
+                f"no {named.size} pulses of number {request.number} are in the "
                 f"memory at port {request.port} of {request.switch}"
             )
         if request.method:
-            self._order(block, request)
+            self._purify(block, named, request.method)
             return KeepReply()
-        unwanted = np.zeros(block.register.size, bool)
-        unwanted[request.first : request.first + named.size] = named != 0
+        unwanted = named != 0
         extra_pairs.darken(self._layer.sabot, block, unwanted)
         dropped = self._layer.sabot.lose(block.register, unwanted)
         self._layer.record(block.node, "keep", block, block.port, f"dropped={dropped}")
         self._by_name.add(block.node)
-        if request.first + named.size == block.register.size:
-            self._named.add(block)
-            self.release(request.switch)
+        self._named.add(block)
+        self.release(request.switch)
         return KeepReply()
 
-    def _order(self, block: Block, request: KeepRequest) -> None:
-        """Take an order for a round, part by part, the last of which begins it."""
-        before = self._orders.pop(block, b"")[: request.first]
-        if len(before) < request.first:
-            raise invalid(f"pulse {request.first} of a round comes behind {len(before)}")
-        order = before + request.outcomes
-        if len(order) < block.register.size:
-            self._orders[block] = order
-            return
+    def _purify(self, block: Block, order: Bytes, method: int) -> None:
         waited_ns = self._layer.clock.now_ns() - cutoff.came_ns(block)
         port, interval_ns, cutoff_s = block.port, block.interval_ns, block.cutoff_s
         try:
-            left, bits, feedback = self._purification.round(
-                block, np.frombuffer(order, np.uint8), request.method
-            )
+            left, bits, feedback = self._purification.round(block, order, method)
         except (Refusal, TooLarge):
             if not block.port:  # the round has begun
                 self._give_up(block, port)
@@ -324,7 +312,6 @@ class SwitchMemories:
     def _take(self, block: Block) -> None:
         self._held[block.node].remove(block)
         self._named.discard(block)
-        self._orders.pop(block, None)
         del self._numbers[block]
         limit = self._limits.pop(block)
         if limit is not asyncio.current_task():

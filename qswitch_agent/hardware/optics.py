@@ -162,7 +162,7 @@ class OpticalHardware(Protocol):
         """Have the pair source of a port make pairs; return when it has begun."""
 
     async def keep(self, chosen: AnalyserFrame) -> None:
-        """Have pulses of a memory's block, those with 0, leave without gaps, and no others.
+        """Have pulses of a memory's block, of all, those with 0 leave without gaps, and no others.
 
         With a method they go through a round of purification, which is reported.
         """

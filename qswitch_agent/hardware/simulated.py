@@ -223,7 +223,6 @@ class SimulatedSwitch:
             switch=self._switch,
             port=chosen.port,
             number=chosen.number,
-            first=chosen.first,
             outcomes=chosen.outcomes,
             method=chosen.method,
         )

@@ -30,7 +30,7 @@ from qswitch_agent.proxy.checks import (
 )
 from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch, circuits
-from wire.analyser_frames import HERALDS, AnalyserFrame, Emission, End
+from wire.analyser_frames import HERALDS, AnalyserFrame, Emission, End, Parts
 from wire.malformed import MalformedPacket
 from wire.optical import (
     ANALYSER_COUNTS,
@@ -185,6 +185,7 @@ class Requests:
         self._switch = switch
         self._link = link
         self._bundles = BundleRequests(switch, link, self._refuse)
+        self._parts = Parts()  # of what is named of a memory's block
         self._handlers: dict[int, Callable[[bytes], Awaitable[None]]] = {
             ofp.OFPT_FLOW_MOD: self._flow_mod,
             ofp.OFPT_PORT_MOD: self._port_mod,
@@ -294,17 +295,19 @@ class Requests:
             raise refusals.bad_out_port(str(refusal)) from refusal
 
     async def _choose(self, packet: PacketOut, port: int) -> None:
-        """Have a memory discard the pulses that a frame, sent into its port, does not list.
+        """Have a memory discard the pulses that frames, sent into its port, do not list.
 
-        The others leave, or are purified.
+        The others leave, or are purified, when the last frame of their block has come.
         """
         require_not_slave(self._link, "PACKET_OUT")
         memory = inner_port(port).kind == Kind.MEMORY
         if not memory or len(packet.actions) > 1 or packet.frame[12:14] != HERALDS:
             raise refusals.bad_out_port(f"no packet goes into the inner port {port}")
-        chosen = AnalyserFrame.decode(packet.frame)
-        if chosen.end != (End.PURIFY if chosen.method else End.STORED):
-            raise refusals.bad_out_port(f"a frame of {chosen.end.name} to port {port}")
+        frame = AnalyserFrame.decode(packet.frame)
+        if frame.end != (End.PURIFY if frame.method else End.STORED):
+            raise refusals.bad_out_port(f"a frame of {frame.end.name} to port {port}")
+        if (chosen := self._parts.whole(port, frame)) is None:
+            return
         try:
             await self._switch.hardware.keep(replace(chosen, port=port))
         except HardwareRefusal as refusal:

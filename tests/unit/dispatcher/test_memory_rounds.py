@@ -184,16 +184,13 @@ def test_the_wait_that_a_swap_reports_is_that_before_all_rounds(tmp_path: Path) 
 async def purified(
     scene: Scene, port: int, protocol: int, order: np.ndarray[Any, Any] | None = None
 ) -> np.ndarray[Any, Any]:
-    """Have a memory do a round on all of its first block, ordered in two parts."""
+    """Have a memory do a round on all of its first block."""
     if order is None:
         random = np.random.default_rng(3)  # alike at both ends
         order = random.integers(0, 12 if protocol == 1 else 1, PAIRS, np.uint8)
     method = 2 * protocol + (port == TWO)
-    for first in (0, PAIRS // 3):
-        part = order[first:] if first else order[: PAIRS // 3]
-        request = KeepRequest(switch="q1", port=port, number=1, first=first, method=method)
-        request.outcomes = part.tobytes()
-        await scene.bench.switch.call("Keep", request)
+    request = KeepRequest(switch="q1", port=port, number=1, outcomes=order.tobytes(), method=method)
+    await scene.bench.switch.call("Keep", request)
     report = await scene.report()
     assert (report.port, report.end, report.number) == (port, BellOutcomes.PURIFIED, 1)
     return np.frombuffer(report.outcomes, np.uint8)

@@ -177,8 +177,7 @@ def test_pulses_that_are_named_meet_without_gaps(tmp_path: Path, basis: Any) -> 
         await require_stored(scene, ONE, TWO)
         named = [np.flatnonzero(random.random(PAIRS) < share) for share in NAMED]
         for port, pulses in zip((ONE, TWO), named, strict=True):
-            for begin in (0, PAIRS // 2):
-                await keep(scene, port, 1, pulses, begin)
+            await keep(scene, port, 1, pulses)
         await scene.bench.switch.connect(*STORING, *LEADING)
         outcomes = await swapped(scene)
         first, second = (pulses[: outcomes.size] for pulses in named)
@@ -214,7 +213,7 @@ def test_a_memory_of_which_a_block_was_named_keeps_later_ones_until_they_are(
     tmp_path: Path,
 ) -> None:
     async def act(scene: Scene) -> None:
-        half, everything = PAIRS // 2, np.arange(PAIRS)
+        everything = np.arange(PAIRS)
         await scene.bench.switch.connect(*STORING, *LEADING)
         await scene.emit(scene.bench.alice, "alice-q0", 0)
         await require_stored(scene, ONE)
@@ -225,9 +224,8 @@ def test_a_memory_of_which_a_block_was_named_keeps_later_ones_until_they_are(
         await scene.emit(scene.bench.alice, "alice-q0", 2)
         await scene.emit(scene.bench.bob, "bob-q0", 3)
         await require_stored(scene, ONE, TWO)
-        await keep(scene, ONE, 2, everything, 0)
         assert [each[0] for each in await states(scene)] == [PAIRS, PAIRS]
-        await keep(scene, ONE, 2, everything, half)
+        await keep(scene, ONE, 2, everything)
         assert (await swapped(scene)).size == PAIRS
 
     play(tmp_path, act)
@@ -261,15 +259,10 @@ def test_a_memory_into_which_no_light_is_led_any_more_forgets_that_blocks_were_n
     play(tmp_path, act)
 
 
-async def keep(
-    scene: Scene, port: int, number: int, pulses: np.ndarray[Any, Any], begin: int | None = None
-) -> None:
-    """Name pulses of a block; begin: only among a half of the block, from there on."""
+async def keep(scene: Scene, port: int, number: int, pulses: np.ndarray[Any, Any]) -> None:
     unwanted = np.full(PAIRS, 255, np.uint8)
     unwanted[pulses] = 0
-    first, end = (0, PAIRS) if begin is None else (begin, begin + PAIRS // 2)
-    request = KeepRequest(switch="q1", port=port, number=number, first=first)
-    request.outcomes = unwanted[first:end].tobytes()
+    request = KeepRequest(switch="q1", port=port, number=number, outcomes=unwanted.tobytes())
     await scene.bench.switch.call("Keep", request)
 
 

@@ -18,10 +18,12 @@ from qswitch_agent.openflow.messages import Framer
 from wire import optical
 from wire.analyser_frames import (
     BROADCAST,
+    MOST_OUTCOMES,
     AnalyserCounts,
     AnalyserFrame,
     Emission,
     End,
+    frames_of,
 )
 from wire.parameters.switch import inner_ports
 from wire.part_descriptions import NEVER_NS
@@ -90,7 +92,7 @@ def test_a_frame_into_a_source_has_it_emit() -> None:
 
 
 def test_a_frame_into_a_memory_names_or_purifies_its_pulses_and_others_are_refused() -> None:
-    herald = AnalyserFrame(61_001, 3, End.STORED, 4, 1, bytes([0, 255]))
+    herald = AnalyserFrame(61_001, 3, End.STORED, 2, 0, bytes([0, 255]))
     frame = herald.encode(BROADCAST, bytes(6))
     outcomes = replace(herald, end=End.MEASURED).encode(BROADCAST, bytes(6))
     round_ = replace(herald, end=End.PURIFY, method=4)
@@ -113,6 +115,24 @@ def test_a_frame_into_a_memory_names_or_purifies_its_pulses_and_others_are_refus
                 now.controller.says(wrong)
                 assert isinstance(of.decoded(await now.controller.next()), parser.OFPErrorMsg)
             assert now.optics.chosen == [replace(each, port=61_002) for each in (herald, round_)]
+
+    play(scene())
+
+
+def test_the_frames_of_a_block_have_the_hardware_name_its_pulses_at_once() -> None:
+    whole = AnalyserFrame(61_002, 3, End.STORED, 2 * MOST_OUTCOMES, 0, bytes(2 * MOST_OUTCOMES))
+    first, last = (each.encode(BROADCAST, bytes(6)) for each in frames_of(whole))
+
+    async def scene() -> None:
+        async with stage() as now:
+            now.switch.inner = frozenset(inner_ports(1, 2))
+            now.controller.says(of.packet_out(last, 61_002))
+            assert isinstance(of.decoded(await now.controller.next()), parser.OFPErrorMsg)
+            for frame, port in ((first, 61_001), (first, 61_002), (last, 61_002)):
+                now.controller.says(of.packet_out(frame, port))
+            now.controller.says(of.packet_out(last, 60_001))
+            assert isinstance(of.decoded(await now.controller.next()), parser.OFPErrorMsg)
+            assert now.optics.chosen == [whole]
 
     play(scene())
 
