@@ -6,6 +6,7 @@ it: it knows the device key, and the classical switch passes nobody else's datag
 
 import asyncio
 import logging
+import math
 import socket
 import time
 from collections.abc import Callable
@@ -19,7 +20,7 @@ from hosts.network_loop import background_timeout
 from hosts.serving.link_monitors import LinkMonitors
 from hosts.timeouts import (
     CHECK_PERIOD_S,
-    FIRST_REPORTS_S,
+    FASTEST_ANNOUNCEMENTS_S,
     IDLE_CHECK_PERIOD_S,
     SLOWER,
     UNSUBSCRIBED_PERIOD_S,
@@ -67,7 +68,7 @@ class NodeAgent(asyncio.DatagramProtocol):
         self._alarmed = asyncio.Event()
         self.found = asyncio.Event()  # the controller knows where this host is
         device.changed, device.alarmed = self._changed.set, self._alarmed.set
-        self._sent_s = self._asked_s = 0.0
+        self._sent_s = self._asked_s = -math.inf
         self._began_s = self._background_s()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -171,7 +172,7 @@ class NodeAgent(asyncio.DatagramProtocol):
         if self._device.subscription.period_ms:
             return self._device.subscription.period_ms / 1e3
         waited_s = self._background_s() - self._began_s
-        return min(max(FIRST_REPORTS_S, SLOWER * waited_s), UNSUBSCRIBED_PERIOD_S)
+        return min(max(FASTEST_ANNOUNCEMENTS_S, SLOWER * waited_s), UNSUBSCRIBED_PERIOD_S)
 
     @property
     def _alone_s(self) -> float:

@@ -46,12 +46,11 @@ UNUSED_S = 90.0  # an order that nobody has asked for so long is of a session th
 DISPATCHER_TIMEOUT_S = 20.0
 
 # Beside the sessions, by the wall; stepped, in the background
-FASTEST_ANNOUNCEMENTS_S = 0.2  # between two at first
+FASTEST_ANNOUNCEMENTS_S = 0.2  # between two at first, and two reports to a controller unasked
 ANNOUNCEMENTS_HELD = 6  # until who has heard one may forget it, in the pauses between two
 CHECK_PERIOD_S = 0.2  # between two looks at a device at work, whose changes are reported then
 IDLE_CHECK_PERIOD_S = 5.0  # the same, of one that says itself when something changes
-FIRST_REPORTS_S = 1.0  # between two to a controller without a subscription, at first
-UNSUBSCRIBED_PERIOD_S = 10.0  # the same, in the end
+UNSUBSCRIBED_PERIOD_S = 10.0  # between two reports to a controller unasked, in the end
 SLOWER = 0.25  # a pause to the time that has passed, of what a host repeats until it is found
 
 # Applications, by the wall in stepped time, too

@@ -38,6 +38,7 @@ from wire.metadata.header import Message
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import Fec, Handshake, Reason, Service
 from wire.monitor_messages import MonitorCommand, PreemptMonitor, Quantity, SessionEstimate
+from wire.network_time import NetworkTime
 
 KEY = "00112233445566778899aabbccddeeff"
 SETUP = Setup(7, Service.SDC, Handshake.FRAMED, "10.0.0.3", 65_536, 256, 50_000_000)
@@ -224,6 +225,12 @@ def nothing(_fields: dict[str, Any], _number: int) -> OpeningSession:
     raise SessionError(Reason.UNSUPPORTED, "none in this test")
 
 
+@pytest.fixture(autouse=True)
+def reports_unasked_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let no second report come between a request and its answer, however busy the machine is."""
+    monkeypatch.setattr(node_agent, "FASTEST_ANNOUNCEMENTS_S", 1000.0)
+
+
 @asynccontextmanager
 async def agent(device: Device, request: Request | None = None) -> AsyncIterator[Peer]:
     """Run a node agent and the peer that it reports to."""
@@ -285,6 +292,19 @@ def test_the_agent_answers_is_set_and_reports_changes() -> None:
             cut = await peer.next()
             assert isinstance(cut, DeviceReport)
             assert cut.ports == (DevicePort("bob-q0", False),)
+
+    network_loop.run(scene())
+
+
+def test_the_agent_reports_at_once_where_the_clock_has_just_begun(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A network cannot start before each host is found; stepped time begins at 0."""
+    monkeypatch.setattr(NetworkTime, "background_s", lambda _: 0.0)
+
+    async def scene() -> None:
+        async with agent(Device(Fibers())) as peer, asyncio.timeout(SOON_S):
+            assert isinstance(await peer.next(), DeviceReport)
 
     network_loop.run(scene())
 
