@@ -4,7 +4,7 @@ And beside stim's batch sampler, which makes pairs without any network, in the s
 
 Runs of all kinds take turns, in both orders, so that a machine that gets slower, or still has to
 bring to the disk what the run before has written, slows all of them alike. Their source is so fast
-that they wait for software, and not for light.
+that they wait for software, and not for light; stepped time would not count that.
 """
 
 import os
@@ -18,6 +18,7 @@ from rich.console import Console
 
 from qmn.jobs import runner, superdense
 from qmn.jobs.transfer import TransferError
+from qmn.network.time_scale import PACED
 from qmn.requests.run_options import RunOptions
 from qmn.requests.superdense import superdense_request
 from qmn.timeouts import RUN_TIMEOUT_S
@@ -112,7 +113,7 @@ def sampled_pairs_per_s(environment: Mapping[str, str]) -> float:
 
 def measure(file: Path, run: RunOptions, signals: Signals) -> Measured:
     """Send the file in one run, timed from the first byte to the verified last."""
-    request = replace(superdense_request(file=file, rate_hz=RATE_HZ), run=run)
+    request = replace(superdense_request(file=file, rate_hz=RATE_HZ, time=PACED), run=run)
     try:
         result = runner.run(*superdense.begun(request, signals, Console(quiet=True)))
     except TransferError as error:
