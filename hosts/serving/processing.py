@@ -15,6 +15,7 @@ from hosts.middleware.session.ends import Answerer
 from hosts.middleware.session.errors import unsupported
 from hosts.middleware.session.session import Application, OpeningSession
 from wire.config import HostConfig
+from wire.device import kinds
 from wire.registered import registered
 from wire.results.figures import EveFigures
 
@@ -77,6 +78,7 @@ def preload() -> None:
     """Import what is registered; the fork server does so once for all hosts."""
     for entry in (*REGISTERED, *INTERCEPTIONS):
         entry.load()
+    kinds()
 
 
 def processing_unit(

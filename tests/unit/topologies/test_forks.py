@@ -323,3 +323,11 @@ def test_loggers_of_what_is_loaded_beside_mininet_are_not_mininets() -> None:
     script = f"import {loaded}; print(type(logging.getLogger('ours')))"
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, check=True)
     assert done.stdout == b"<class 'logging.Logger'>\n"
+
+
+def test_a_host_loads_no_registered_message_after_the_fork() -> None:
+    """Each would have memory of its own for that."""
+    code = "import sys\nbefore = set(sys.modules)\nfrom wire.device import kinds\nassert kinds()\n"
+    script = f"{LOADED}{code}print(sorted(sys.modules.keys() - before))"
+    done = subprocess.run([python(), "-c", script], capture_output=True, text=True, cwd=ROOT)
+    assert (done.stdout, done.stderr) == ("[]\n", "")
