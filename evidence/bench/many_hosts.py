@@ -1,5 +1,6 @@
 """Benchmarks of networks of many hosts, of which two use light and all others are idle."""
 
+import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -26,7 +27,7 @@ class ManyHosts:
     hosts: int
     start_s: float
     end_s: float
-    memory_mb: float  # of all its processes, what they share counted once
+    memory_mb: float  # of all its processes, without this one, what they share counted once
     controller_share: float  # of one processor, while nobody asks for light
     setup_ms: float  # of a light path, p50
 
@@ -55,7 +56,7 @@ def measured(folder: Path, hosts: int, signals: Signals) -> ManyHosts:
     with Network(topology, Runtime(log_folder=folder), signals) as network:
         started = time.monotonic()
         share = controller_share(network)
-        memory_mb = shared_memory_mb()
+        memory_mb = network_memory_mb()
         setup_ms = path_setups(network, SETUPS).p50_ms
         ending = time.monotonic()
     ended = time.monotonic()
@@ -70,10 +71,12 @@ def controller_share(network: Network) -> float:
     return (controller_s(network) - before) / (time.monotonic() - began)
 
 
-def shared_memory_mb() -> float:
-    """Return the memory of all processes of this run: each shared page once (PSS)."""
-    kib = 0
+def network_memory_mb() -> float:
+    """Return the memory of all processes of this run but this one: each shared page once (PSS)."""
+    kib, own = 0, str(os.getpid())
     for file in Path("/proc").glob("[0-9]*/smaps_rollup"):
+        if file.parent.name == own:
+            continue
         with suppress(ProcessLookupError, FileNotFoundError):  # it has ended
             lines = file.read_text().splitlines()
             kib += sum(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
