@@ -213,10 +213,10 @@ def classical_entries(datapath: Datapath) -> list[Any]:
 def inner_frames(datapath: Datapath, opened: OpenPaths) -> list[Any]:
     """Return what sends frames of inner ports to a session's hosts, and heralds up."""
     session, heard = opened.session, opened.heard
-    outcomes = _to_hosts(session, Receivers.BOTH, opened.reports, opened.place)
     entries = []
     lit = {hop.out_port for hop in opened.hops} | {memory_of(hop.in_port) for hop in opened.hops}
-    for port in sorted(lit & {*INNER_PORTS}):
+    for port in sorted(port for port in lit if port in INNER_PORTS):
+        outcomes = _to_hosts(session, Receivers.BOTH, opened.reports, opened.place)
         kinds = {ETH_TYPE_OUTCOMES: outcomes}
         if inner_port(port).kind == Kind.MEMORY or not opened.place:
             kinds[ETH_TYPE_HERALDS] = (

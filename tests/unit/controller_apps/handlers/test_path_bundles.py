@@ -57,6 +57,20 @@ def by_the_framework(
     return [bytes(message.buf) for message in messages]
 
 
+class Uncounted:
+    """Numbers of ports that cannot be enumerated."""
+
+    __iter__ = None
+
+    def __contains__(self, port: int) -> bool:
+        return False
+
+
+def test_inner_ports_are_looked_up_and_not_enumerated(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(flow_entries, "INNER_PORTS", Uncounted())
+    assert flow_entries.inner_frames(Datapath(), OpenPaths(Q1, OPENED, SESSION, 1)) == []
+
+
 @pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("transaction", [9, (1 << 32) + 1])
 @pytest.mark.parametrize("tuned", [(), (7,)])
