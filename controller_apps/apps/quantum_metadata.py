@@ -190,7 +190,7 @@ class QuantumMetadata(App):
         for action in actions:
             self._performers.get(type(action), self.switches.send)(action)
         if self.arbiter.holds or self._held:
-            self._ticks.wake_by(self.arbiter.next_slot_s(self._now()))
+            self._ticks.wake_by(lambda: self.arbiter.next_slot_s(self._now()))
         self._held = self.arbiter.holds
 
     def _tell_monitor(self, event: Event) -> None:
@@ -212,7 +212,7 @@ class QuantumMetadata(App):
             self.monitors.granted(self.arbiter.sessions.by_number.get(note.session))
         if note.event in ("refused", "torn_down"):
             self.idle.over(note.session, self._now())
-            self._watch_ticks.wake_by(self.idle.next_s)
+            self._watch_ticks.wake_by(lambda: self.idle.next_s)
         if note.event == "torn_down" and note.detail == PREEMPTED:
             self.monitors.forget(note.session)
         self.journal.note(note)

@@ -39,14 +39,15 @@ class Ticks:
             hub.sleep(min(self._pause_s, self._time.wall_s(next_s - self._time.now_s())))
             return
         self._began_ns = self._time.now_ns()
-        self.wake_by(next_s)
+        self.wake_by(lambda: next_s)
         self._gate.take_notice()
         self._passed_s += min((self._time.now_ns() - self._began_ns) / NS, self._pause_s)
 
-    def wake_by(self, next_s: float) -> None:
-        """Have who waits look at `next_s` of the network's time; paced, no pause is long."""
+    def wake_by(self, look_s: Callable[[], float]) -> None:
+        """Have who waits look at that time of the network; paced, no pause is long."""
         if self._gate is None:
             return
+        next_s = look_s()
         next_ns = self._time.since_ns + round(next_s * NS) if isfinite(next_s) else NEVER
         next_ns = max(next_ns, self._time.now_ns() + 1)
         self._gate.wait_for(next_ns, self._began_ns + round(self._pause_s * NS))

@@ -52,6 +52,14 @@ def test_a_bundle_is_open_adds_commit_barrier_in_one_write(ready: Scene) -> None
     assert ready.s1.take() == []  # still held
 
 
+def test_paced_no_message_has_the_next_look_computed(
+    ready: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ready.quantum.arbiter, "next_slot_s", lambda _now: pytest.fail("computed"))
+    ready.packet_in(ready.s1, 1, frame(FRAMED.encode()))
+    assert ready.quantum.arbiter.holds
+
+
 def test_a_policy_that_is_read_again_puts_a_host_on_the_fibre(ready: Scene, tmp_path: Path) -> None:
     for number, port in enumerate((6, 7)):
         ready.packet_in(ready.q1, port, announcement(HostPort("eve", "10.0.0.4", f"eve-q{number}")))
