@@ -7,6 +7,7 @@ option of length 0, and loses the ECE and CWR flags when it writes a segment aga
 
 import struct
 from dataclasses import dataclass
+from functools import lru_cache
 from ipaddress import IPv4Address
 from socket import inet_ntoa
 from typing import NamedTuple
@@ -39,8 +40,7 @@ class FiveTuple(NamedTuple):
         return FiveTuple(self.destination, self.destination_port, self.source, self.source_port)
 
 
-@dataclass(frozen=True)
-class Segment:
+class Segment(NamedTuple):
     frame: bytes
     five_tuple: FiveTuple
     sequence: int
@@ -91,6 +91,7 @@ def is_without_data(frame: bytes) -> bool:
         return False
 
 
+@lru_cache(maxsize=1)  # the journal and the arbiter read each frame, one after the other
 def parse_segment(frame: bytes) -> Segment:
     """Read a frame; raise MalformedPacket if it is not one whole segment over IPv4."""
     try:
@@ -204,8 +205,8 @@ def is_udp(frame: bytes) -> bool:
 
 def is_management(frame: bytes) -> bool:
     """Tell whether a frame is LLDP, or from an agent or a key manager to the controller."""
-    if frame[12:14] == LLDP:
-        return True
+    if not is_udp(frame):
+        return frame[12:14] == LLDP
     try:
         return Frame.decode(frame).destination_port == DEVICE_PORT
     except MalformedPacket:

@@ -25,6 +25,12 @@ def test_a_segment_is_read_as_scapy_wrote_it() -> None:
     assert (segment.sequence, segment.payload, segment.closes) == (0xFFFFFFF0, b"hello", False)
 
 
+def test_a_frame_is_read_once_for_journal_and_arbiter() -> None:
+    read = frame(b"hello", flags="PA")
+    assert not is_without_data(read)
+    assert parse_segment(read) is parse_segment(read)
+
+
 def test_ethernet_padding_is_no_payload() -> None:
     assert parse_segment(frame() + b"\0" * 6).payload == b""
 
