@@ -10,7 +10,7 @@ message, which the host that asks leaves 0.
 
 import hmac
 import struct
-from ipaddress import IPv4Address
+from socket import inet_aton
 
 from wire.metadata.setup import SEAL_BYTES
 
@@ -34,6 +34,5 @@ def is_sealed(setup: bytes, key: str, connection: Connection) -> bool:
 
 def _tag(body: bytes, key: str, connection: Connection) -> bytes:
     source, source_port, destination, port = connection
-    ends = IPv4Address(source).packed, IPv4Address(destination).packed
-    covered = SPEAKER + _CONNECTION.pack(ends[0], source_port, ends[1], port) + body
-    return hmac.digest(bytes.fromhex(key), covered, "sha256")[:SEAL_BYTES]
+    ends = _CONNECTION.pack(inet_aton(source), source_port, inet_aton(destination), port)
+    return hmac.digest(bytes.fromhex(key), SPEAKER + ends + body, "sha256")[:SEAL_BYTES]

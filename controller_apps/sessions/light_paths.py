@@ -8,7 +8,7 @@ of the same rotation; without such, the light is lost and the sender gives up in
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import count
 
 from controller_apps.light.obstacles import on_the_way
@@ -139,10 +139,10 @@ class Light:
             elif new or old:
                 tuned = self._tune(new, session.frequency_mhz)
                 frequency = session.frequency_mhz if tuned else 0
-                opened = OpenPaths(dpid, new, session.number, transaction, old, tuned, frequency)
-                heard = heralds_to_hosts(session.paths, dpid)
                 reports = session.turns is not None and bool(session.turns.stations)
-                actions.append(replace(opened, reports=reports, heard=heard))
+                heard = heralds_to_hosts(session.paths, dpid)
+                part = old, tuned, frequency, reports, heard
+                actions.append(OpenPaths(dpid, new, session.number, transaction, *part))
         return actions
 
     def _tune(self, hops: tuple[Hop, ...], frequency_mhz: int) -> tuple[int, ...]:

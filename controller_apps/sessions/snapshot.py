@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from ipaddress import IPv4Address
 from itertools import islice
+from socket import inet_aton
 from typing import Any
 
 from controller_apps.light.optics import SwitchPort
@@ -56,9 +57,9 @@ def encode_session(session: Session) -> bytes:
     for request in requests:
         source, port, destination, _ = request.five_tuple
         data += REQUEST.pack(
-            IPv4Address(source).packed,
+            inet_aton(source),
             port,
-            IPv4Address(destination).packed,
+            inet_aton(destination),
             request.sequence,
             request.rotation,
             request.granted_pairs,
