@@ -229,9 +229,10 @@ class Search(NamedTuple):
         service, by = Service(self.setup.service), making(self.setup, self.hosts[Role.OPENER])
         if few := _too_few_fibers(service, by, self.hosts, ports, network):
             return few
-        legs = legs_of(service, ports, by)
-        if legs is None:
-            return Admission(Reason.NO_PATH)
+        legs = [
+            Leg(ports[start.role][start.place], ports[end.role][end.place])
+            for start, end in beams(service, by)
+        ]
         try:
             return tapped(legs, network, self.taps, frequency)
         except CannotTap as error:
@@ -295,15 +296,3 @@ def limits_of(setup: Setup, frequency: int, sessions: Sessions, budget_mdb: int)
         return sessions.blocks(direction, setup.session, frequency)
 
     return Limits(blocked, frequency, budget_mdb)
-
-
-def legs_of(
-    service: Service, ports: Mapping[Role, list[SwitchPort]], by: Making = Making.SOURCE
-) -> list[Leg] | None:
-    """Return which ports light must connect, None if a host has too few."""
-    if any(len(at) < fibers_needed(service, role, by) for role, at in ports.items()):
-        return None
-    return [
-        Leg(ports[start.role][start.place], ports[end.role][end.place])
-        for start, end in beams(service, by)
-    ]
