@@ -87,6 +87,7 @@ class Blocks:
         self._switches = switches_used(side.setup)
         self._dark: deque[int] = deque()  # blocks whose light is to be made, in order
         self._lit = 0  # blocks whose light was made
+        self._unnamed: deque[int] = deque()  # blocks whose pairs have names of light, in order
         self.under_way: set[int] = set()
         self._waited: defaultdict[int, Moments] = defaultdict(Moments)  # in switches, by place
 
@@ -99,7 +100,7 @@ class Blocks:
         yield side.say(Topic.SWAPPED, number, swapped.blocks, 32)
         yield side.say(Topic.ARRIVED, number, mask, 1)
         theirs = yield from hear(Topic.ARRIVED, number, mask.size, 1)
-        yield from take(side.block(number), {self._kept(number): swapped.positions})
+        yield from self._name(number, side.block(number), swapped)
         pairs.facts.attempts += swapped.attempts
         emitted = swapped.heralded if self._is_heralded else size
         yield from pairs.share(number, mask, theirs.astype(bool), emitted, since_ns)
@@ -122,7 +123,7 @@ class Blocks:
             raise SessionError(Reason.PROTOCOL, text + "session use them")
         arrived = yield from hear(Topic.ARRIVED, number, mask.size, 1)
         name = side.block(number, half=1)
-        yield from take(name, {self._kept(number): swapped.positions})
+        yield from self._name(number, name, swapped)
         if mask.size:
             turned = swapped.outcomes ^ side.setup.rotation
             operators = np.where(mask, turned, 0).astype(np.uint8)
@@ -150,6 +151,7 @@ class Blocks:
         """
         side, switches = self._side, self._switches
         self._dark.append(number)
+        self._unnamed.append(number)
         yield WaitUntil(lambda: self._dark[0] == number)
         if not switches:  # whose frames are to everybody
             self._frames.forget()
@@ -203,6 +205,12 @@ class Blocks:
             protocol, turns = Protocol(command.method // 2), divmod(symbols[at], THIRD)
             bits = yield from compare(names, self._half, protocol, turns[1], turns[0])
             yield Wait(partial(self._frames.answer, command, bits))
+
+    def _name(self, number: int, name: BlockName, swapped: Swapped) -> Steps[None]:
+        """Give the pairs of a block its name, which light of an earlier block may have had."""
+        yield WaitUntil(lambda: self._unnamed[0] == number)
+        yield from take(name, {self._kept(number): swapped.positions})
+        self._unnamed.popleft()
 
     def _kept(self, number: int) -> BlockName:
         return self._side.block(2 * number + self._half)

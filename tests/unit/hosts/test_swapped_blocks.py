@@ -5,11 +5,12 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from hosts.hardware.qnic import Qnic
 from hosts.middleware.services.distribution.pairs import Pairs
 from hosts.middleware.services.swapping import Blocks
 from hosts.middleware.session.analyser_socket import Swapped
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.protocol import Concurrently, HostSide
+from hosts.middleware.session.protocol import Concurrently, Do, HostSide, WaitUntil
 from hosts.middleware.session.values import Lifetimes, values
 from wire.analyser_frames import MAX_UNDER_WAY
 from wire.features import EVERYTHING, NodeFeatures
@@ -47,3 +48,22 @@ def test_waits_in_switches_are_means_over_the_pairs_of_all_blocks() -> None:
         blocks._note_waits(pairs, Swapped(*none, waited_us), count, 7_000_000)
     assert pairs.facts.repeaters_waited_ms == pytest.approx([2.5, 0.5])
     assert pairs.facts.waited_ms == pytest.approx(7)
+
+
+def test_a_block_has_its_name_after_the_light_of_earlier_ones() -> None:
+    """The pairs of block 2 have the name that light of block 1 has until its pairs are named."""
+    swapped = Swapped(np.zeros(8, np.uint8), np.arange(8), [], {})
+    end = side()
+    blocks = Blocks(end, NO_FRAMES, 0)
+    starts = [blocks._swapped(number, 8) for number in (1, 2)]
+    assert all(isinstance(next(start), WaitUntil) for start in starts)
+    second, first = (blocks._name(number, end.block(number), swapped) for number in (2, 1))
+    wait = next(second)
+    assert isinstance(wait, WaitUntil)
+    assert not wait.done()
+    next(first)
+    assert next(first) == Do(Qnic.gather, (end.block(1), {end.block(2): swapped.positions}), {})
+    assert not wait.done()
+    with pytest.raises(StopIteration):
+        next(first)
+    assert wait.done()
