@@ -26,6 +26,7 @@ from wire.keyed import KeyedChoices, Words, identities
 LAYERS = 16  # in the last one are all fates below 2 ** -LAYERS
 
 Pulses = NDArray[np.int64]
+Places = NDArray[np.intp]
 BasesAt = Callable[[Pulses], Bytes]  # the bases of some pulses
 Noise = Callable[[PhotonRandom], Bytes]  # Paulis of some photons, by random numbers of each
 
@@ -38,7 +39,8 @@ class Photons(NamedTuple):
     keys: Words  # of what else each draws
 
     def chosen(self, mask: NDArray[np.bool_]) -> "Photons":
-        return Photons(self.pulses[mask], self.fates[mask], self.keys[mask])
+        places = np.flatnonzero(mask)  # several times as fast as by a mask
+        return Photons(self.pulses[places], self.fates[places], self.keys[places])
 
 
 @dataclass(frozen=True)
@@ -212,11 +214,11 @@ def first_layer(threshold: float) -> int:
     return min(max(-int(exponent), 0), LAYERS) if threshold else LAYERS
 
 
-def first_of_each(pulses: Pulses) -> NDArray[np.bool_]:
-    """Return which photons are the first ones of their pulses, shape (m,)."""
+def by_rank(pulses: Pulses) -> tuple[Places, Places]:
+    """Return where the first photon of each pulse is, and where the others are."""
     first = np.ones(pulses.size, bool)
     first[1:] = pulses[1:] != pulses[:-1]
-    return first
+    return np.flatnonzero(first), np.flatnonzero(~first)
 
 
 def laser_pulses(

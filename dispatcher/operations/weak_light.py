@@ -35,8 +35,9 @@ from dispatcher.layer.weak_pulses import (
     Choices,
     Operators,
     Photons,
+    Places,
     WeakPulses,
-    first_of_each,
+    by_rank,
     laser_pulses,
 )
 from dispatcher.operations import emission, imperfections
@@ -45,7 +46,7 @@ from dispatcher.operations.paths import Step, path_of
 from dispatcher.photon_random import PhotonRandom, PhotonsByKey, Source
 from dispatcher.refusal import exhausted
 from dispatcher.sabot.backend import Bytes
-from dispatcher.sabot.registers import Mask, Register
+from dispatcher.sabot.registers import Register
 from dispatcher.switch.optical_switch import Through
 from wire.config import FiberEnd
 from wire.outcomes import PAULI_BASES
@@ -189,18 +190,22 @@ def _draw(layer: PhysicalLayer, block: Block, light: WeakPulses) -> list[Block]:
     halves, sabot = _together(layer, block), layer.sabot
     if isinstance(light, WeakHalf) and len(halves) > 1:
         came = light.pairs.below([half.transmission for _block, half in halves])
-        firsts = first_of_each(came[0].pulses)
-        first, others = sabot.bell_pairs(light.count), sabot.bell_pairs(int((~firsts).sum()))
+        order = by_rank(came[0].pulses)
+        first, others = sabot.bell_pairs(light.count), sabot.bell_pairs(order[1].size)
         for each, photons, *made in zip(halves, came, first, others, strict=True):
-            _settle(layer, *each, photons, firsts, made)
+            _settle(layer, *each, photons, order, made)
     else:
         photons = light.photons()
-        firsts, states = first_of_each(photons.pulses), light.states(photons)
+        order, states = by_rank(photons.pulses), light.states(photons)
         of_pulses = np.zeros(light.count, np.uint8)
-        of_pulses[photons.pulses[firsts]] = states[firsts]
-        made = [emission.prepare(sabot, each) for each in (of_pulses, states[~firsts])]
-        _settle(layer, block, light, photons, firsts, made)
-    return [each for each, _light in halves]
+        of_pulses[photons.pulses[order[0]]] = states[order[0]]
+        made = [emission.prepare(sabot, each) for each in (of_pulses, states[order[1]])]
+        _settle(layer, block, light, photons, order, made)
+    delays_ps = light.delays_ps(np.arange(light.count))  # of both halves
+    drawn = [half for half, _light in halves]
+    for half in drawn:
+        half.pulses.delays_ps = delays_ps
+    return drawn
 
 
 def _together(layer: PhysicalLayer, block: Block) -> list[tuple[Block, WeakPulses]]:
@@ -220,22 +225,23 @@ def _settle(
     block: Block,
     light: WeakPulses,
     photons: Photons,
-    firsts: Mask,
+    order: tuple[Places, Places],
     registers: Sequence[Register],
 ) -> None:
     """Let a block be these qubits, one for each pulse and further ones, as far as they came."""
     there, paulis = photons.fates < light.thresholds(photons), light.paulis(photons)
     present, every = np.zeros(light.count, bool), np.zeros(light.count, np.uint8)
-    present[photons.pulses[firsts]], every[photons.pulses[firsts]] = there[firsts], paulis[firsts]
+    firsts, others = order
+    pulses = photons.pulses[firsts]
+    present[pulses], every[pulses] = there[firsts], paulis[firsts]
     register, further = registers
     layer.sabot.lose(register, ~present)
     layer.sabot.pauli(register, every)
     layer.ownership.change(block, register)
-    block.pulses.delays_ps = light.delays_ps(np.arange(light.count))
     if further.size:
-        layer.sabot.lose(further, ~there[~firsts])
-        layer.sabot.pauli(further, paulis[~firsts])
-        block.extra_pairs = ExtraPairs(further, photons.pulses[~firsts])
+        layer.sabot.lose(further, ~there[others])
+        layer.sabot.pauli(further, paulis[others])
+        block.extra_pairs = ExtraPairs(further, photons.pulses[others])
 
 
 def require_capacity(layer: PhysicalLayer, block: Block) -> None:

@@ -10,7 +10,7 @@ from five_sigma import within
 from numpy.typing import NDArray
 
 from dispatcher.layer.layer import PhysicalLayer
-from dispatcher.layer.ownership import Block
+from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.layer.weak_pairs import Pairs, WeakHalf
 from dispatcher.layer.weak_pulses import BasesAt, Photons, WeakPulses
 from dispatcher.operations import weak_light
@@ -18,7 +18,7 @@ from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.draws import Draws, PhotonDraws
 from dispatcher.sabot.registers import Register
-from evidence.laboratory import Laboratory
+from evidence.laboratory import SESSION, Laboratory
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.keyed import KeyedChoices
 from wire.outcomes import NO_CLICK
@@ -382,3 +382,21 @@ def test_pairs_of_too_many_pulses_are_not_drawn_all() -> None:
         await charlie.discard((0, 1))
 
     uvloop.run(run())
+
+
+def test_both_halves_of_pairs_share_one_draw_of_their_jitter() -> None:
+    devices = {"charlie": Device(PairSource("poisson", mean_pairs=0.5, jitter_ps=20.0))}
+    fibers = [
+        Fiber(FiberEnd("charlie", f"charlie-q{half}"), FiberEnd(host, f"{host}-q0"))
+        for half, host in enumerate(HOSTS)
+    ]
+    tokens = dict.fromkeys(("charlie", *HOSTS), "")
+    laboratory = Laboratory(DispatcherConfig("", "", 1, tokens, fibers, [], devices=devices))
+    uvloop.run(shared(laboratory, 0, 100, 1_000_000_000))
+    layer = laboratory.layer
+    one, other = (
+        weak_light.require(layer, BlockName(SESSION, 0, half), host)
+        for half, host in enumerate(HOSTS)
+    )
+    assert one.pulses.delays_ps is not None
+    assert one.pulses.delays_ps is other.pulses.delays_ps
