@@ -38,6 +38,7 @@ MANY = 64  # slots for each click, or fewer, and all slots are gone through
 MOST_DEAD = 8  # slots, of which there is a table
 LEAST_TRAIN = 2048  # slots, from which on the table is quicker
 PIECE = 32  # bytes
+SETTLING = 8  # bytes, of a piece, that mostly decide what is dead behind it
 
 
 def seen(slots: Slots, dead_slots: int, train: int) -> Slots:
@@ -49,7 +50,7 @@ def seen(slots: Slots, dead_slots: int, train: int) -> Slots:
         return slots
     many = slots.size * MANY >= train
     if dead_slots <= MOST_DEAD and train >= LEAST_TRAIN and many:
-        return np.flatnonzero(_by_table(marked(slots, train), dead_slots))
+        return slots.compress(_by_table(marked(slots, train), dead_slots)[slots])
     dead_slots = min(dead_slots, train)
     following = _following(slots, dead_slots, train, many)
     entries = np.append(0, np.flatnonzero(slots[1:] - slots[:-1] >= dead_slots) + 1)
@@ -76,14 +77,20 @@ def marked(slots: Slots, train: int) -> Mask:
 
 def distinct(slots: Slots) -> Slots:
     """Return each of some slots, which ascend, once."""
-    return slots[np.flatnonzero(np.diff(slots, prepend=-1))]
+    new = np.ones(slots.size, dtype=bool)
+    new[1:] = slots[1:] != slots[:-1]
+    return slots.compress(new)
 
 
 def union(one: Slots, other: Slots) -> Slots:
-    """Return slots that are in one or the other; all ascend."""
-    if not (one.size and other.size):
-        return one if one.size else other
-    return distinct(np.sort(np.concatenate([one, other]), kind="stable"))
+    """Return slots that are in one or the other; all ascend, and are distinct."""
+    if one.size < other.size:
+        one, other = other, one
+    if not other.size:
+        return one
+    at = one.searchsorted(other)
+    new = one[np.minimum(at, one.size - 1)] != other
+    return np.insert(one, at[new], other[new])
 
 
 def among(values: NDArray[np.int64], slots: Slots) -> Mask:
@@ -123,13 +130,19 @@ def _by_table(clicks: Mask, dead_slots: int) -> Mask:
     whole = np.zeros((pieces, PIECE), np.intp)
     whole.reshape(-1)[: packed.size] = packed
     rows = whole.T.copy()  # row r: byte r of each piece
-    states = np.repeat(np.arange(dead_slots) * 256, pieces).reshape(dead_slots, pieces)
-    for row in rows:
-        states = table.behind[states + row]
-    entered, dead = np.zeros(pieces, np.intp), 0
-    for piece, behind in enumerate(states.T.tolist()):
-        entered[piece] = dead
-        dead = behind[dead // 256]
+    entered = np.zeros(pieces, np.intp)
+    for last in (rows[-SETTLING:], rows):
+        states = np.repeat(np.arange(dead_slots) * 256, pieces).reshape(dead_slots, pieces)
+        for row in last:
+            states = table.behind[states + row]
+        if (states == states[0]).all():
+            entered[1:] = states[0, :-1]
+            break
+    else:
+        dead = 0
+        for piece, behind in enumerate(states.T.tolist()):
+            entered[piece] = dead
+            dead = behind[dead // 256]
     visible = np.empty(rows.shape, np.uint8)
     for place, row in enumerate(rows):
         at = entered + row

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dispatcher.devices.detector import seen
+from dispatcher.devices.detector import seen, union
 
 Mask = NDArray[np.bool_]
 
@@ -43,3 +43,11 @@ def test_the_rate_is_that_of_a_dead_time_that_is_not_extended(
     mean = dead_slots - 1 + 1 / probability
     sigma = (count * (1 - probability) / probability**2 / mean**3) ** 0.5
     assert abs(found - count / mean) < 5 * sigma + 1
+
+
+@pytest.mark.parametrize("sizes", [(0, 0), (0, 9), (9, 0), (1, 200), (200, 1), (80, 90)])
+def test_a_union_has_each_slot_of_either_once(sizes: tuple[int, int]) -> None:
+    random = np.random.default_rng(1)
+    for _ in range(20):
+        one, other = (np.sort(random.choice(300, size, replace=False)) for size in sizes)
+        assert np.array_equal(union(one, other), np.union1d(one, other))
