@@ -11,6 +11,7 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dispatcher.sabot.draws import random_bytes
 from wire import keyed
 
 Bytes = NDArray[np.uint8]
@@ -98,7 +99,7 @@ class PhotonRandom:
             mask[self.events(purpose, probability if rare else 1 - probability)] = rare
             return mask
         generator = self.generator(purpose)
-        drawn = np.frombuffer(generator.bytes(self.photons), np.uint8)
+        drawn = random_bytes(generator, self.photons)
         whole, rest = divmod(probability * STEPS, 1)
         mask = drawn < np.uint8(whole)
         undecided = np.flatnonzero(drawn == np.uint8(whole))
@@ -111,7 +112,7 @@ class PhotonRandom:
         """Do as `happens` with a probability for each stretch of photons; shape (k,)."""
         generator = self.generator(purpose)
         drawn = np.zeros((probabilities.size, stretch), np.uint8)
-        drawn.reshape(-1)[: self.photons] = np.frombuffer(generator.bytes(self.photons), np.uint8)
+        drawn.reshape(-1)[: self.photons] = random_bytes(generator, self.photons)
         whole = np.minimum(probabilities * STEPS, STEPS - 1).astype(np.uint8)
         mask = (drawn < whole[:, None]).reshape(-1)[: self.photons]
         undecided = np.flatnonzero((drawn == whole[:, None]).reshape(-1)[: self.photons])

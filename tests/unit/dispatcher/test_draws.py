@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dispatcher.sabot.draws import Draws
+from dispatcher.sabot.draws import Draws, random_bytes
 
 KEY = (7, 3, 1)
 
@@ -57,3 +57,10 @@ def test_bits_are_the_first_digits_of_numbers_that_are_uniform() -> None:
     for quantile in (0.1, 0.25, 0.5, 0.9):
         below = int((numbers < quantile).sum())
         assert abs(below - quantile * count) < 5 * (quantile * (1 - quantile) * count) ** 0.5
+
+
+@pytest.mark.parametrize("count", [1, 3, 4, 5, 8, 13, 16, 1001])
+def test_bytes_are_those_of_numpy_and_so_is_what_follows(count: int) -> None:
+    one, other = (Draws(1).generator(KEY, "loss") for _ in range(2))
+    assert random_bytes(one, count).tobytes() == other.bytes(count)
+    assert np.array_equal(one.random(4), other.random(4))
