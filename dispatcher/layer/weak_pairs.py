@@ -64,11 +64,14 @@ class Pairs:
         first, second = (first_layer(each) if each else NO_LAYER for each in most)
         rows, columns = np.indices(self.cells.shape)
         cells = np.where((rows >= first) | (columns >= second), self.cells, 0).reshape(-1)
-        numbers = np.repeat(np.arange(cells.size), cells)
-        ranks = np.arange(numbers.size) - np.repeat(cells.cumsum() - cells, cells)
-        keys = (numbers << RANK_BITS | ranks).astype(np.uint64)
+        keys = np.repeat((np.arange(cells.size) << RANK_BITS) - cells.cumsum() + cells, cells)
+        keys = (keys + np.arange(keys.size)).astype(np.uint64)
         never = np.ones(keys.size)
-        fates = [self._fates(keys, half) if each else never for half, each in enumerate(most)]
+        layers = rows.reshape(-1), columns.reshape(-1)
+        fates = [
+            self._fates(keys, half, layers[half], cells) if each else never
+            for half, each in enumerate(most)
+        ]
         some = np.flatnonzero((fates[0] < most[0]) | (fates[1] < most[1]))
         pulses = self._pulses(keys[some])
         order = in_order(pulses)
@@ -76,11 +79,16 @@ class Pairs:
         one, other = (Photons(pulses, fate[some], keys[some]) for fate in fates)
         return one, other
 
-    def _fates(self, keys: NDArray[np.uint64], half: int) -> NDArray[np.float64]:
-        cells = (keys >> np.uint64(RANK_BITS)).astype(np.int64)
-        layers = np.divmod(cells, NO_LAYER)[half]
+    def _fates(
+        self,
+        keys: NDArray[np.uint64],
+        half: int,
+        layers: NDArray[np.int64],
+        cells: NDArray[np.int64],
+    ) -> NDArray[np.float64]:
         within = PhotonsByKey.of(self.random, keys).uniform(f"fate {half}")
-        return np.asarray(LOW[layers] + within * (HIGH - LOW)[layers])
+        low, width = (np.repeat(each[layers], cells) for each in (LOW, HIGH - LOW))
+        return np.asarray(low + within * width)
 
     def _pulses(self, keys: NDArray[np.uint64]) -> Pulses:
         return (PhotonsByKey.of(self.random, keys).uniform("pulse") * self.count).astype(np.int64)
