@@ -58,14 +58,14 @@ def lit(block: Block) -> Mask:
     light = pulses.lit(block)
     if block.extra_pairs is not None:
         light = light.copy()
-        light[block.extra_pairs.pulses[block.extra_pairs.register.present]] = True
+        light[block.extra_pairs.present_pulses] = True
     return light
 
 
 def share(block: Block) -> float:
     if block.extra_pairs is None:
         return 0.0
-    there = block.extra_pairs.pulses[block.extra_pairs.register.present]
+    there = block.extra_pairs.present_pulses
     return np.unique(there).size / max(1, int(np.count_nonzero(held(block))))
 
 
@@ -78,7 +78,7 @@ def several(first: Block, second: Block) -> Mask | None:
     if not lights:
         return None
     size = first.register.size
-    there = np.concatenate([light.pulses[light.register.present] for light in lights])
+    there = np.concatenate([light.present_pulses for light in lights])
     more = np.bincount(there, minlength=size)
     counts = first.register.present.astype(np.int64) + second.register.present
     return np.asarray((more > 0) & (more + counts > 1))
@@ -88,7 +88,7 @@ def held(block: Block) -> Mask:
     present = block.register.present
     if block.extra_pairs is not None:
         present = present.copy()
-        present[block.extra_pairs.pulses[block.extra_pairs.register.present]] = True
+        present[block.extra_pairs.present_pulses] = True
     return present
 
 

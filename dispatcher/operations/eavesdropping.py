@@ -120,7 +120,7 @@ def photons(block: Block) -> NDArray[np.uint8]:
     """Return how many photons with a state each pulse has, MOST_COUNTED at most; shape (k,)."""
     counts: NDArray[np.int64] = block.register.present.astype(np.int64)
     if block.extra_pairs is not None:
-        at = block.extra_pairs.pulses[block.extra_pairs.register.present]
+        at = block.extra_pairs.present_pulses
         counts += np.bincount(at, minlength=counts.size)
     return np.minimum(counts, MOST_COUNTED).astype(np.uint8)
 

@@ -414,8 +414,8 @@ def _others(block: Block) -> NDArray[np.int64]:
     places = np.zeros(0, np.int64) if block.extra_pairs is None else block.extra_pairs.pulses
     if block.pulses.extras is None:
         return places
-    noise = np.repeat(np.arange(block.register.size), block.pulses.extras)
-    return np.concatenate([places, noise])
+    noisy = np.flatnonzero(block.pulses.extras > 0)
+    return np.concatenate([places, np.repeat(noisy, block.pulses.extras[noisy])])
 
 
 def _noise_of(block: Block, others: NDArray[np.int64], chosen: Mask) -> Noise:
