@@ -145,7 +145,7 @@ class Bob(End):
         if message.clicks != clicked.size:
             text = f"{message.clicks} clicks, not {clicked.size}"
             raise SessionFailed(AbortReason.PROTOCOL, text)
-        sifted = record.of(clicked[np.flatnonzero(unpack(message.kept, clicked.size))])
+        sifted = record.of(clicked).of(np.flatnonzero(unpack(message.kept, clicked.size)))
         self._keep(sifted, record.photons, clicked.size)
         if sifted.levels is not None:
             self._bobs_levels = np.append(self._bobs_levels, sifted.levels)

@@ -90,6 +90,8 @@ class Clicks:
 
     def of(self, photons: Indices) -> Record:
         """Return what is known of photons; one that was not detected has the basis 0."""
+        if photons is self.clicked:
+            return self.detected
         seen = np.isin(photons, self.clicked)
         rows = self.clicked.searchsorted(photons[seen])
         bases, outcomes = np.zeros((2, photons.size), np.uint8)

@@ -55,6 +55,7 @@ def test_what_is_known_of_clicks_is_that_of_every_photon() -> None:
     every = Record(bases, outcomes)
     few = Clicks(5, every.clicked, every.of(every.clicked))
     assert few.clicked.tolist() == [0, 1, 2, 4]
+    assert few.of(few.clicked) is few.detected  # nothing is looked up
     for photons in ([], [3], [0, 2, 3], [0, 1, 2, 3, 4]):
         asked = few.of(np.array(photons, np.int64))
         assert asked.outcomes.tolist() == outcomes[photons].tolist()
