@@ -36,6 +36,7 @@ from wire.dispatcher_pb2 import (
     Pick,
     PulseKey,
 )
+from wire.positions import pack
 
 START_NS = 1_700_000_000_000_000_000
 RATE_HZ = 1_000_000_000
@@ -229,7 +230,7 @@ class LaboratoryHost:
         keep_rest: bool = False,
     ) -> Feedback:
         """Make a block of photons of others, by their positions; keep or discard the rest."""
-        every = [Pick(block=block_id(block), photons=at.tolist()) for block, at in picks.items()]
+        every = [Pick(block=block_id(block), photons=pack(at)) for block, at in picks.items()]
         return await self._act("gather", into=block_id(into), picks=every, keep_rest=keep_rest)
 
     async def _act(self, operation: str, **fields: Any) -> Feedback:

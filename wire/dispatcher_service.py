@@ -32,7 +32,7 @@ NONCE_KEY, PROOF_KEY = "qmn-nonce", "qmn-proof"  # of a call over a network
 SLOT_KEY = "qmn-time-slot"  # of the caller, where time is stepped
 NONCE_BYTES = 16
 RUNNER = "runner"  # the node that the runner is
-MAX_MESSAGE_BYTES = 8 << 20  # of either side
+MAX_MESSAGE_BYTES = 16 << 20  # of either side: 4 bytes for each photon of the largest block
 MESSAGE_LIMITS = [
     ("grpc.max_receive_message_length", MAX_MESSAGE_BYTES),
     ("grpc.max_send_message_length", MAX_MESSAGE_BYTES),

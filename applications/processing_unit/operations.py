@@ -19,6 +19,7 @@ from wire.dispatcher_pb2 import (
     Step,
 )
 from wire.outcomes import Pauli
+from wire.positions import pack
 
 
 class Kind(Enum):
@@ -126,7 +127,7 @@ def _step(operation: Operation) -> Step:
             return store(name, math.inf)
         case Kind.TAKE:
             assert operation.target is not None
-            taken = Pick(block=block, photons=[operation.position])
+            taken = Pick(block=block, photons=pack([operation.position]))
             return gather(operation.target, [taken], keep_rest=True)
         case Kind.DISCARD:
             return discard(name)

@@ -211,7 +211,8 @@ def picks(workspace: Workspace, picked: Sequence[messages.GatherRequest.Pick]) -
         register = workspace.require(pick.register)
         if any(register is other.register for other in result):
             raise invalid(f"register {pick.register} is picked twice; pick all of it at once")
-        positions = limits.positions("positions", pick.positions, register.size)
+        positions = np.fromiter(pick.positions, np.uint32, len(pick.positions))
+        limits.require_positions("positions", positions, register.size)
         result.append(Pick(register, positions))
     limits.require_count(sum(pick.positions.size for pick in result))
     return result

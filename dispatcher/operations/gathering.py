@@ -22,11 +22,11 @@ from dispatcher.layer.layer import PhysicalLayer, block_name
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import limits, weak_light
 from dispatcher.refusal import Refusal, exhausted, invalid
-from dispatcher.sabot.limits import positions as checked_positions
-from dispatcher.sabot.limits import require_count
+from dispatcher.sabot.limits import require_count, require_positions
 from dispatcher.sabot.registers import Mask
 from dispatcher.sabot.registers import Pick as RegisterPick
 from wire.dispatcher_pb2 import Feedback, GatherRequest, Pick
+from wire.positions import unpack
 
 MOST_PLACES = 2  # for each qubit that may live
 MOST_NAMED = 8  # blocks that an event names
@@ -92,7 +92,11 @@ class Gathering:
                 raise invalid(f"{name} is picked from twice; pick all of it at once")
             block = weak_light.require(self._layer, name, node)
             field = f"photons of {name}"
-            positions = checked_positions(field, pick.photons, block.register.size)
+            try:
+                positions = unpack(pick.photons)
+            except ValueError as error:
+                raise invalid(f"{field}: {error}") from error
+            require_positions(field, positions, block.register.size)
             picked[name] = Picked(block, positions)
         count = sum(positions.size for _block, positions in picked.values())
         if not count:

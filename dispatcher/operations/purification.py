@@ -22,6 +22,7 @@ from wire.analyser_frames import CYCLES, PHOTONS, QUARTER_TURNS, THIRD, LocalGat
 from wire.dispatcher_pb2 import ApplyRequest, Feedback, Gate, GatherRequest, MeasureRequest, Pick
 from wire.features import GATE, MEASURE
 from wire.outcomes import NO_CLICK
+from wire.positions import pack
 
 DEJMPS = 2  # half of its methods
 TARGETS, FIRST_THIRD = 2, 3  # halves that no source makes, beside those of the block
@@ -89,7 +90,7 @@ class Purification:
         picks: dict[BlockName, NDArray[np.intp]],
         keep_rest: bool = False,
     ) -> None:
-        picked = [Pick(block=block_id(name), photons=at.tolist()) for name, at in picks.items()]
+        picked = [Pick(block=block_id(name), photons=pack(at)) for name, at in picks.items()]
         request = GatherRequest(into=block_id(into), picks=picked, keep_rest=keep_rest)
         self._gathering.gather(node, request)
 

@@ -1,7 +1,5 @@
 """Limits of what a caller may ask of Sabot, checked before anything is changed."""
 
-from collections.abc import Collection
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,9 +25,8 @@ def packed(field: str, values: bytes, count: int, largest: int) -> Bytes:
     return array
 
 
-def positions(field: str, values: Collection[int], size: int) -> NDArray[np.uint32]:
-    """Return positions in a block of this size, all of them different."""
-    array = np.fromiter(values, np.uint32, len(values))
+def require_positions(field: str, array: NDArray[np.uint32], size: int) -> None:
+    """Refuse positions unless they are in a block of this size, and all different."""
     outside = np.flatnonzero(array >= size)
     if outside.size:
         index = int(outside[0])
@@ -37,7 +34,6 @@ def positions(field: str, values: Collection[int], size: int) -> NDArray[np.uint
     counts = np.bincount(array, minlength=1)
     if counts.max() > 1:
         raise invalid(f"{field} name {int(counts.argmax())} twice; name each once")
-    return array
 
 
 def require_count(count: int) -> None:

@@ -28,6 +28,7 @@ from wire.dispatcher_pb2 import (
 )
 from wire.keyed import KeyedChoices
 from wire.optical import frequency_mhz
+from wire.positions import pack
 
 
 class Pulses(NamedTuple):
@@ -119,7 +120,7 @@ def gather(into: BlockName, picks: Iterable[Pick], keep_rest: bool) -> Step:
 
 
 def pick(block: BlockName, photons: NDArray[np.integer]) -> Pick:
-    return Pick(block=block_id(block), photons=photons.tolist())
+    return Pick(block=block_id(block), photons=pack(photons))
 
 
 def store(block: BlockName, cutoff_s: float | None) -> Step:

@@ -15,6 +15,7 @@ from dispatcher.sabot.dense import TooLarge
 from evidence.laboratory import RATE_HZ, Laboratory
 from wire import dispatcher_pb2 as messages
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
+from wire.positions import pack
 
 PHOTONS = 4
 SHORT_S = 1e-9
@@ -48,7 +49,7 @@ def requests(host: int) -> list[tuple[str, Any]]:
     create = messages.CreateRequest(session=1, number=host + 10, count=PHOTONS)
     gate = messages.Gate(name=messages.Gate.CX, target=block(host, 1))
     launch = messages.Launch(block=mine, port=f"{HOSTS[host]}-q0")
-    pick = messages.Pick(block=mine, photons=[0, 2])
+    pick = messages.Pick(block=mine, photons=pack([0, 2]))
     return [
         ("create", create),
         ("apply", messages.ApplyRequest(block=mine, paulis=b"\0\1\2\3", gates=[gate])),

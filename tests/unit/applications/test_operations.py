@@ -9,6 +9,7 @@ from applications.processing_unit.operations import GATES, MAX_GATES, Kind, Oper
 from hosts.hardware.block_name import BlockName
 from hosts.hardware.steps import block_id
 from wire.dispatcher_pb2 import CreateRequest, Gate, MeasureRequest, Step
+from wire.positions import pack
 
 ONE, OTHER = BlockName(1, 2, 0), BlockName(1, 3, 1)
 PAULIS = {Kind.X: 1, Kind.Z: 2, Kind.Y: 3}  # as wire/dispatcher.proto numbers them
@@ -64,7 +65,9 @@ def test_what_is_no_gate_says_all_of_it() -> None:
     assert (observe.resend.block, observe.resend.bases) == (block_id(ONE), b"\0")
     assert (store.store.block, store.store.cutoff_s) == (block_id(ONE), math.inf)
     assert take.gather.into == block_id(OTHER)
-    assert [(pick.block, [*pick.photons]) for pick in take.gather.picks] == [(block_id(ONE), [4])]
+    assert [(pick.block, pick.photons) for pick in take.gather.picks] == [
+        (block_id(ONE), pack([4]))
+    ]
     assert take.gather.keep_rest
     assert discard.discard.block == block_id(ONE)
 

@@ -31,6 +31,7 @@ from wire.dispatcher_pb2 import (
     SplitRequest,
     StoreRequest,
 )
+from wire.positions import pack
 
 Code = grpc.StatusCode
 PREPARED = CreateRequest.PREPARED
@@ -69,7 +70,7 @@ def gates(*names: Gate.Name, target: Any = None) -> ApplyRequest:
 
 def gather(*picks: tuple[Any, list[int]], into: Any = None, keep: bool = False) -> GatherRequest:
     """Return the request that gathers photons, into a block of a name that is free."""
-    every = [Pick(block=name, photons=photons) for name, photons in picks]
+    every = [Pick(block=name, photons=pack(photons)) for name, photons in picks]
     return GatherRequest(into=into or block(50), picks=every, keep_rest=keep)
 
 

@@ -37,6 +37,7 @@ from wire.dispatcher_pb2 import (
     SendRequest,
     Step,
 )
+from wire.positions import pack
 
 
 class Host:
@@ -106,7 +107,7 @@ def test_a_round_of_purification_is_one_order(tmp_path: Path) -> None:
         steps = [create(6)]
         for number, photons in ((1, [4, 2, 0]), (2, [1, 3, 5])):
             request = GatherRequest(into=block(number), keep_rest=number == 1)
-            request.picks.add(block=block(), photons=photons)
+            request.picks.add(block=block(), photons=pack(photons))
             steps.append(Step(gather=request))
         gate = Gate(name=Gate.CX, target=block(2))
         steps.append(Step(apply=ApplyRequest(block=block(1), gates=[gate])))

@@ -57,6 +57,7 @@ from wire.dispatcher_pb2 import (
     MeasureRequest,
     ResendRequest,
 )
+from wire.positions import pack
 
 
 class Experiment:
@@ -244,7 +245,7 @@ async def transmission(folder: Path, **changes: Any) -> tuple[list[Feedback], st
         answers.append(await bench.bob.receive(block(0, 1), "bob-q0"))
         for half in (0, 1):
             request = GatherRequest(into=block(2, half))
-            request.picks.add(block=block(0, half), photons=range(199, 19, -1))
+            request.picks.add(block=block(0, half), photons=pack(range(199, 19, -1)))
             answers.append(await bench.bob.act(request))
         answers.append(await bench.bob.bell_measure(block(2, 0), block(2, 1)))
         states = bytes(n % 6 for n in range(60))

@@ -26,6 +26,7 @@ from wire.dispatcher_pb2 import (
     Pick,
 )
 from wire.outcomes import NO_CLICK
+from wire.positions import pack
 
 SHOTS = 32
 
@@ -106,7 +107,7 @@ async def gathered(bench: Bench) -> list[bytes]:
     await bench.bob.receive(block(0, 1), "bob-q9")
     for client, half in ((bench.alice, 0), (bench.bob, 1)):
         for number, photons in ((1, [90, *range(29, -1, -1)]), (2, [*range(30, 60), 91])):
-            pick = Pick(block=block(0, half), photons=photons)
+            pick = Pick(block=block(0, half), photons=pack(photons))
             request = GatherRequest(into=block(number, half), picks=[pick], keep_rest=number == 1)
             await client.act(request)
         gate = Gate(name=Gate.CX, target=block(2, half))

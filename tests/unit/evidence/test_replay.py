@@ -53,6 +53,7 @@ from wire.dispatcher_pb2 import (
 )
 from wire.dispatcher_record import BadRecord
 from wire.parameters.physics import BellAnalyser, Detectors, Device, Memory, PairSource
+from wire.positions import pack
 from wire.record_pb2 import Clock as ClockEntry
 from wire.record_pb2 import Entry, Header, Request, Resumed
 
@@ -131,7 +132,7 @@ async def gathered(bench: Bench) -> None:
     for client, half in ((bench.alice, 0), (bench.bob, 1)):
         await client.act(StoreRequest(block=block(0, half)))
         for number, photons, keep in ((1, odd, True), (2, even, False)):
-            pick = Pick(block=block(0, half), photons=photons)
+            pick = Pick(block=block(0, half), photons=pack(photons))
             request = GatherRequest(into=block(number, half), picks=[pick], keep_rest=keep)
             await client.act(request)
         gate = Gate(name=Gate.CX, target=block(2, half))
