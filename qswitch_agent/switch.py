@@ -95,7 +95,7 @@ class Switch:
         self._synchronised_ns = 0  # when that was begun last, of those that are done
         self.hardware = hardware
         self._channels = channels
-        self._needs_copies = needs_copies
+        self.needs_copies = needs_copies
         self._seen: dict[int, None] = {}  # sessions whose set-ups have come, the oldest first
         self.ports: set[int] = set()  # all that the bridge has
         self._condition = Condition()
@@ -110,7 +110,7 @@ class Switch:
 
     def require_seen(self, session: int) -> None:
         """Raise Refusal for light of a session, by cookie, whose set-up has not come here."""
-        if not self._needs_copies or session in self._seen:
+        if not self.needs_copies or session in self._seen:
             return
         if all(entry.cookie != session for entry in self.paths.table.marked()):
             raise refusals.not_permitted(f"no set-up of {session:016x} has come on copper")

@@ -195,7 +195,7 @@ class Replies:
         if in_port in self._switch.fibers and not packets.is_lldp(frame):
             log.info("a packet from the fibre at port %d that is not LLDP: dropped", in_port)
             return b""
-        if setup := packets.copied_setup(message):
+        if self._switch.needs_copies and (setup := packets.copied_setup(message)):
             self._switch.setup_came(setup.session)
         return message
 

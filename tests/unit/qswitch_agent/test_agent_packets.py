@@ -1,6 +1,9 @@
 """Packets, groups and bundles as bytes; os_ken at the other end."""
 
+import asyncio
 import struct
+from types import SimpleNamespace
+from typing import Any
 
 import openflow_messages as of
 import pytest
@@ -11,6 +14,7 @@ from scapy.layers.l2 import Ether
 
 from qswitch_agent.openflow import packets
 from qswitch_agent.openflow.packets import PacketOut
+from qswitch_agent.proxy.replies import Replies
 from wire.malformed import MalformedPacket
 from wire.metadata.header import QUANTUM_SWITCHES
 from wire.metadata.setup import Setup
@@ -68,6 +72,16 @@ def test_a_copy_is_known_by_its_address_its_reason_and_its_message() -> None:
         assert packets.copied_setup(other) is None
     for size in range(len(COPY)):
         assert packets.copied_setup(of.packet_in(9, COPY[:size])) is None
+
+
+@pytest.mark.parametrize("needs_copies", [False, True])
+def test_a_copy_is_read_only_if_light_waits_for_it(needs_copies: bool) -> None:
+    sessions: list[int] = []
+    switch: Any = SimpleNamespace(fibers=(), needs_copies=needs_copies, setup_came=sessions.append)
+    link: Any = None
+    message = of.packet_in(9, COPY)
+    assert asyncio.run(Replies(switch, link, 1.0).shown(message, 0)) == message
+    assert sessions == [SETUP.session] * needs_copies
 
 
 def test_ports_of_all_buckets_are_found() -> None:
