@@ -140,9 +140,19 @@ class Light:
                 tuned = self._tune(new, session.frequency_mhz)
                 frequency = session.frequency_mhz if tuned else 0
                 reports = session.turns is not None and bool(session.turns.stations)
-                heard = heralds_to_hosts(session.paths, dpid)
-                part = old, tuned, frequency, reports, heard
-                actions.append(OpenPaths(dpid, new, session.number, transaction, *part))
+                actions.append(
+                    OpenPaths(
+                        dpid,
+                        new,
+                        session.number,
+                        transaction,
+                        closed=old,
+                        tuned=tuned,
+                        frequency_mhz=frequency,
+                        reports=reports,
+                        heard=heralds_to_hosts(session.paths, dpid),
+                    )
+                )
         return actions
 
     def _tune(self, hops: tuple[Hop, ...], frequency_mhz: int) -> tuple[int, ...]:
