@@ -191,20 +191,25 @@ def _draw(layer: PhysicalLayer, block: Block, light: WeakPulses) -> list[Block]:
     if isinstance(light, WeakHalf) and len(halves) > 1:
         came = light.pairs.below([half.transmission for _block, half in halves])
         order = by_rank(came[0].pulses)
+        lit = came[0].pulses[order[0]]
         first, others = sabot.bell_pairs(light.count), sabot.bell_pairs(order[1].size)
         for each, photons, *made in zip(halves, came, first, others, strict=True):
             _settle(layer, *each, photons, order, made)
     else:
         photons = light.photons()
         order, states = by_rank(photons.pulses), light.states(photons)
+        lit = photons.pulses[order[0]]
         of_pulses = np.zeros(light.count, np.uint8)
-        of_pulses[photons.pulses[order[0]]] = states[order[0]]
+        of_pulses[lit] = states[order[0]]
         made = [emission.prepare(sabot, each) for each in (of_pulses, states[order[1]])]
         _settle(layer, block, light, photons, order, made)
-    delays_ps = light.delays_ps(np.arange(light.count))  # of both halves
     drawn = [half for half, _light in halves]
-    for half in drawn:
-        half.pulses.delays_ps = delays_ps
+    late_ps = light.delays_ps(lit)  # of both halves
+    if late_ps is not None:
+        delays_ps = np.zeros(light.count)
+        delays_ps[lit] = late_ps
+        for half in drawn:
+            half.pulses.delays_ps = delays_ps
     return drawn
 
 

@@ -400,3 +400,4 @@ def test_both_halves_of_pairs_share_one_draw_of_their_jitter() -> None:
     )
     assert one.pulses.delays_ps is not None
     assert one.pulses.delays_ps is other.pulses.delays_ps
+    assert np.array_equal(one.pulses.delays_ps != 0, one.register.present)  # of light alone
