@@ -18,6 +18,7 @@ Bytes = NDArray[np.uint8]
 
 RARE = 1 / 32  # below, gaps between events are drawn instead of a byte for each photon
 STEPS = 256  # of a byte
+HALF = np.uint64(32)  # bits of a word
 TAIL = 1.0  # standard deviations, from which on a tail is drawn by itself
 
 
@@ -159,12 +160,20 @@ class PhotonsByKey(PhotonRandom):
         return by_key
 
     def uniform(self, purpose: str) -> NDArray[np.float64]:
-        return self._uniform(purpose, self._keys)
+        return keyed.uniform(self._digest(purpose), self._keys)
 
     def normal(self, purpose: str) -> NDArray[np.float64]:
         """As Box and Muller, Ann. Math. Statist. 29, 610 (1958)."""
-        radius = np.sqrt(-2 * np.log1p(-self.uniform(purpose)))
-        return np.asarray(radius * np.cos(2 * np.pi * self.uniform(f"{purpose}, angle")))
+        radius, angle = self.halves(purpose)
+        angle *= 2 * np.pi
+        # The cosine of 32 bits takes a twentieth of the time, and the angle has no more.
+        return np.asarray(np.sqrt(-2 * np.log1p(-radius)) * np.cos(angle.astype(np.float32)))
+
+    def halves(self, purpose: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return two numbers from [0, 1) for each photon, of 32 bits each."""
+        drawn = keyed.words(self._digest(purpose), self._keys)
+        high, low = (half.astype(np.float64) for half in (drawn >> HALF, drawn.astype(np.uint32)))
+        return high * 2.0**-32, low * 2.0**-32
 
     def coins(self, purpose: str, count: int) -> Bytes:
         assert count == self.photons  # each has its own
@@ -178,11 +187,11 @@ class PhotonsByKey(PhotonRandom):
 
     def which_of(self, purpose: str, photons: NDArray[np.int64], weights: ArrayLike) -> Bytes:
         bounds = np.cumsum(weights)
-        drawn = self._uniform(purpose, self._keys[photons]) * bounds[-1]
+        drawn = keyed.uniform(self._digest(purpose), self._keys[photons]) * bounds[-1]
         return np.asarray(bounds[:-1].searchsorted(drawn, side="right"), np.uint8)
 
     def paulis_of(self, purpose: str, photons: NDArray[np.int64]) -> Bytes:
         return np.uint8(1) + self.which_of(purpose, photons, np.ones(3))
 
-    def _uniform(self, purpose: str, keys: keyed.Words) -> NDArray[np.float64]:
-        return keyed.uniform(self._draws.digest(self._block, f"{self._place} {purpose}"), keys)
+    def _digest(self, purpose: str) -> bytes:
+        return self._draws.digest(self._block, f"{self._place} {purpose}")

@@ -66,29 +66,18 @@ class Pairs:
         cells = np.where((rows >= first) | (columns >= second), self.cells, 0).reshape(-1)
         keys = np.repeat((np.arange(cells.size) << RANK_BITS) - cells.cumsum() + cells, cells)
         keys = (keys + np.arange(keys.size)).astype(np.uint64)
-        never = np.ones(keys.size)
-        layers = rows.reshape(-1), columns.reshape(-1)
-        fates = [
-            self._fates(keys, half, layers[half], cells) if each else never
-            for half, each in enumerate(most)
-        ]
+        halves = PhotonsByKey.of(self.random, keys).halves("fates")
+        fates = [np.ones(keys.size)] * 2  # of a half that nobody looks at
+        for half, layers in enumerate((rows.reshape(-1), columns.reshape(-1))):
+            if most[half]:
+                low, width = (np.repeat(each[layers], cells) for each in (LOW, HIGH - LOW))
+                fates[half] = low + halves[half] * width
         some = np.flatnonzero((fates[0] < most[0]) | (fates[1] < most[1]))
         pulses = self._pulses(keys[some])
         order = in_order(pulses)
         pulses, some = pulses[order], some[order]
         one, other = (Photons(pulses, fate[some], keys[some]) for fate in fates)
         return one, other
-
-    def _fates(
-        self,
-        keys: NDArray[np.uint64],
-        half: int,
-        layers: NDArray[np.int64],
-        cells: NDArray[np.int64],
-    ) -> NDArray[np.float64]:
-        within = PhotonsByKey.of(self.random, keys).uniform(f"fate {half}")
-        low, width = (np.repeat(each[layers], cells) for each in (LOW, HIGH - LOW))
-        return np.asarray(low + within * width)
 
     def _pulses(self, keys: NDArray[np.uint64]) -> Pulses:
         return (PhotonsByKey.of(self.random, keys).uniform("pulse") * self.count).astype(np.int64)
