@@ -73,9 +73,8 @@ class Pairs:
                 low, width = (np.repeat(each[layers], cells) for each in (LOW, HIGH - LOW))
                 fates[half] = low + halves[half] * width
         some = np.flatnonzero((fates[0] < most[0]) | (fates[1] < most[1]))
-        pulses = self._pulses(keys[some])
-        order = in_order(pulses)
-        pulses, some = pulses[order], some[order]
+        pulses, order = in_order(self._pulses(keys[some]))
+        some = some[order]
         one, other = (Photons(pulses, fate[some], keys[some]) for fate in fates)
         return one, other
 

@@ -189,8 +189,9 @@ class LaserPulses(WeakPulses):
         layers = range(first_layer(threshold), LAYERS + 1)
         pulses, fates = map(np.concatenate, zip(*map(self._layer, layers), strict=True))
         some = np.flatnonzero(fates < threshold)
-        order = some[in_order(pulses[some])]
-        return Photons(pulses[order], fates[order], identities(pulses[order], fates[order]))
+        pulses, order = in_order(pulses[some])
+        fates = fates[some[order]]
+        return Photons(pulses, fates, identities(pulses, fates))
 
     def _layer(self, number: int) -> tuple[Pulses, NDArray[np.float64]]:
         most = 2.0**-number
@@ -201,11 +202,11 @@ class LaserPulses(WeakPulses):
         return pulses, least + random.random(count) * (most - least)
 
 
-def in_order(pulses: Pulses) -> NDArray[np.int64]:
-    """Return the order of photons by their pulses; those of one pulse stay as they are."""
+def in_order(pulses: Pulses) -> tuple[Pulses, Places]:
+    """Return pulses ascending, and where each was; photons of one pulse stay as they are."""
     bits = pulses.size.bit_length()
     placed = np.sort(pulses << bits | np.arange(pulses.size))
-    return placed & ((1 << bits) - 1)
+    return placed >> bits, placed & ((1 << bits) - 1)
 
 
 def first_layer(threshold: float) -> int:
