@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.photon_random import PhotonRandom
+from dispatcher.photon_random import PhotonRandom, PhotonsByKey
 from dispatcher.sabot.registers import Mask
 from dispatcher.switch.timeline import Circuit, Interval, Steps, Timeline, Times
 from wire.config import PathOptics, QuantumSwitch
@@ -233,25 +233,24 @@ class OpticalSwitch:
         Each strays by itself. Light that strays where no other output is in use leaves by a dark
         port, behind which nobody is.
         """
-        size, chance = light.pulses.size, self.crosstalk
-        several = random.at("others").beside(light.others.size)
-        drawn = random.happens("crosstalk", chance), several.happens("crosstalk", chance)
-        where = random.uniform("wrong output"), several.uniform("wrong output")
-        strays, wheres = np.concatenate(drawn), np.concatenate(where)
-        pulses = np.concatenate([np.arange(size), light.others])
+        size, several = light.pulses.size, random.at("others").beside(light.others.size)
+        own, others = (each.events("crosstalk", self.crosstalk) for each in (random, several))
+        strays = np.concatenate([own, others + size])
+        pulses = np.concatenate([own, light.others[others]])
+        where = PhotonsByKey.of(random, strays).uniform("wrong output")
         in_use = self.timeline.outputs_in_use(light.times_ns)
         outputs = sorted(in_use)
-        open_then = np.array([in_use[port] for port in outputs]).reshape(len(outputs), -1)
+        open_then = np.array([in_use[port][pulses] for port in outputs]).reshape(len(outputs), -1)
         result: dict[int, Mask] = {}
         for out_port, groups in leaving.items():
             photons = np.concatenate(groups)
-            _add(result, out_port, photons & ~strays)
-            away = np.flatnonzero(photons & strays)
-            wrong = open_then[:, pulses[away]]
+            here = photons[strays]
+            photons[strays] = False
+            _add(result, out_port, photons)
+            wrong = open_then.copy()
             wrong[outputs.index(out_port)] = False
-            elsewhere = wrong.any(axis=0)
-            away, wrong = away[elsewhere], wrong[:, elsewhere]
-            chosen = _choose(wrong, wheres[away])
+            elsewhere = here & wrong.any(axis=0)
+            away, chosen = strays[elsewhere], _choose(wrong[:, elsewhere], where[elsewhere])
             for row in np.unique(chosen):
                 mask = np.zeros(photons.size, dtype=bool)
                 mask[away[chosen == row]] = True
