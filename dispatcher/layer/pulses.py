@@ -36,10 +36,7 @@ def pass_on(pulses: Pulses, members: Mask, effect: Effect) -> None:
     if effect.delays_ps is not None:
         pulses.delays_ps = _added(pulses.delays_ps, effect.delays_ps, members)
     if effect.extras is not None:
-        more = (effect.extras * members).astype(np.uint16)
-        if pulses.extras is not None:
-            more += pulses.extras
-        pulses.extras = np.minimum(more, MOST_EXTRAS).astype(np.uint8)
+        pulses.extras = _filled(pulses.extras, effect.extras * members)
 
 
 def thin(
@@ -82,10 +79,7 @@ def split_noise(pulses: Pulses, extras: NDArray[np.uint8] | None) -> Pulses:
 def unite(pulses: Pulses, other: Pulses, members: Mask) -> None:
     pulses.approximations |= other.approximations
     if other.extras is not None:
-        extras = np.uint8(0) if pulses.extras is None else pulses.extras
-        pulses.extras = np.minimum(other.extras.astype(np.uint16) + extras, MOST_EXTRAS).astype(
-            np.uint8
-        )
+        pulses.extras = _filled(pulses.extras, other.extras)
     pulses.delays_ps = _merged(pulses.delays_ps, other.delays_ps, members)
     pulses.angles_rad = _merged(pulses.angles_rad, other.angles_rad, members)
     pulses.polarization = merged(pulses.polarization, other.polarization, members)
@@ -115,6 +109,11 @@ def gather(picks: Sequence[tuple[Pulses, NDArray[np.uint32]]]) -> Pulses:
         frequency_mhz=max(pulses.frequency_mhz for pulses in every),
         approximations=reduce(or_, (pulses.approximations for pulses in every)),
     )
+
+
+def _filled(extras: NDArray[np.uint8] | None, more: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the sum of two counts of photons in each pulse, MOST_EXTRAS at most."""
+    return more if extras is None else extras + np.minimum(more, MOST_EXTRAS - extras)
 
 
 def _added(

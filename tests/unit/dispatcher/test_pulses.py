@@ -216,6 +216,16 @@ def test_a_fibre_adds_to_those_pulses_alone_that_pass_it() -> None:
     assert light.angles_rad.tolist() == [0.2, 0.0, 0.6]
 
 
+def test_a_pulse_has_no_more_photons_of_noise_than_a_byte_holds() -> None:
+    few, many = (np.array(counts, np.uint8) for counts in ([1, 2, 3], [100, 200, 254]))
+    light, members = Pulses(few), np.array([False, True, True])
+    pulses.pass_on(light, members, Effect(extras=many))
+    assert light.extras is not None
+    assert light.extras.tolist() == [1, 202, 255]
+    pulses.unite(light, Pulses(many), members)
+    assert light.extras.tolist() == [101, 255, 255]
+
+
 def test_parts_that_meet_keep_what_each_has_met() -> None:
     here = Pulses(np.array([1, 2, 3], dtype=np.uint8), delays_ps=np.array([1.0, 2.0, 3.0]))
     there = Pulses(
