@@ -250,7 +250,8 @@ def bell_measure(sabot: Simulation, first: Block, second: Block, draws: Draws) -
 def _ranks(light: ExtraPairs | None) -> NDArray[np.int64]:
     if light is None:
         return np.zeros(0, np.int64)
-    first = np.searchsorted(light.pulses, light.pulses)
+    starts = np.flatnonzero(np.diff(light.pulses, prepend=NOBODY))
+    first = np.repeat(starts, np.diff(starts, append=light.pulses.size))
     return light.pulses * RANKS + np.arange(light.pulses.size) - first
 
 
