@@ -1,5 +1,7 @@
 """Positions by gaps: bytes by hand, every position back, and bytes that are of none."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -31,6 +33,18 @@ def test_positions_come_back_in_hardly_more_bits_than_they_tell(probability: flo
     misses = 1 - probability
     entropy = -np.log2(probability) - (misses * np.log2(misses) / probability if misses else 0)
     assert 8 * len(encoded) / gap.size < max(1.0, entropy) + 0.2
+
+
+def test_a_mask_is_written_and_read_without_gaps() -> None:
+    positions = np.arange(100_000)
+    tracemalloc.start()
+    encoded = gaps.encode(positions)
+    written_bytes = tracemalloc.get_traced_memory()[1]
+    assert np.array_equal(gaps.decode(encoded, positions.size), positions)
+    read_bytes = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert written_bytes < positions.nbytes / 2  # a byte for each place, and not a gap
+    assert read_bytes < 2 * positions.nbytes  # the positions alone
 
 
 def test_bytes_of_no_positions_are_refused() -> None:
