@@ -157,14 +157,12 @@ class Alice(End):
         except MalformedPacket as error:
             raise SessionFailed(AbortReason.MALFORMED, str(error)) from error
         seen = record.of(clicked)
-        choice = choose(seen, unpack(detections.bases, clicks))
-        sifted = seen.of(choice)
+        kept = choose(seen, unpack(detections.bases, clicks))
+        sifted = seen.of(np.flatnonzero(kept))
         self._keep(sifted, record.photons, clicks)
         if sifted.levels is not None:
             self._levels = np.append(self._levels, sifted.levels)
-        mask = np.zeros(clicks, bool)
-        mask[choice] = True
-        return Sifted(detections.block, clicks, pack(mask))
+        return Sifted(detections.block, clicks, pack(kept))
 
     def _disclose(self) -> list[QkdMessage]:
         self._judge_bell()

@@ -145,7 +145,8 @@ class Bob(End):
         if message.clicks != clicked.size:
             text = f"{message.clicks} clicks, not {clicked.size}"
             raise SessionFailed(AbortReason.PROTOCOL, text)
-        sifted = record.of(clicked).of(np.flatnonzero(unpack(message.kept, clicked.size)))
+        kept = unpack(message.kept, clicked.size).view(np.bool_)
+        sifted = record.of(clicked).of(np.flatnonzero(kept))
         self._keep(sifted, record.photons, clicked.size)
         if sifted.levels is not None:
             self._bobs_levels = np.append(self._bobs_levels, sifted.levels)

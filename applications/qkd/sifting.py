@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from applications.qkd.bell_test import BellOutcomes
-from applications.qkd.bits import Bits, Indices
+from applications.qkd.bits import Bits, Indices, Mask
 from wire.keyed import KeyedChoices
 from wire.outcomes import NO_CLICK
 
@@ -90,7 +90,7 @@ class Clicks:
 
     def of(self, photons: Indices) -> Record:
         """Return what is known of photons; one that was not detected has the basis 0."""
-        if photons is self.clicked:
+        if np.array_equal(photons, self.clicked):
             return self.detected
         seen = np.isin(photons, self.clicked)
         rows = self.clicked.searchsorted(photons[seen])
@@ -104,6 +104,7 @@ Announced = Record | Clicks  # of an end that has measured
 Known = Announced | Prepared
 
 
-def choose(mine: Record, bases: Bits) -> Indices:
+def choose(mine: Record, bases: Bits) -> Mask:
     """Return which photons to keep, of those that the other end has detected, in these bases."""
-    return np.flatnonzero((mine.bases == bases) & (mine.outcomes != NO_CLICK))
+    kept: Mask = (mine.bases == bases) & (mine.outcomes != NO_CLICK)
+    return kept
