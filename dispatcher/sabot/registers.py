@@ -210,10 +210,9 @@ def _taken(positions: Positions, members: NDArray[np.intp]) -> NDArray[np.uint32
 def _grouped(labels: NDArray[np.generic]) -> list[NDArray[np.intp]]:
     if labels.dtype == np.bool_:
         return [np.flatnonzero(labels == label) for label in (False, True)]
-    if labels.dtype == np.uint8:
-        there = np.flatnonzero(np.bincount(labels))
-        if there.size <= FEW_LABELS:
-            return [np.flatnonzero(labels == label) for label in there]
+    if labels.dtype == np.uint8 and labels.max() < FEW_LABELS:
+        groups = (np.flatnonzero(labels == label) for label in range(labels.max() + 1))
+        return [group for group in groups if group.size]
     order = np.argsort(labels, kind="stable")
     ordered = labels[order]
     return np.split(order, np.flatnonzero(ordered[1:] != ordered[:-1]) + 1)
