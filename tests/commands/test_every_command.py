@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from itertools import takewhile
 from pathlib import Path
 
+import netqasm.examples.apps
 import pytest
 from documentation import NAMES, ROOT, blocks, shell, tshark, without_numbers
 
@@ -20,9 +21,9 @@ pytestmark = pytest.mark.timeout(3600)
 
 OF_COURSE = [name for name in NAMES if name.startswith("course/")]  # test_course.py
 ELSEWHERE = ("README.md", "docs/walkthrough.md", *OF_COURSE)
-OF_A_NETWORK_THAT_RUNS = ("devices", "paths", "keys", "set", "send")
+OF_A_NETWORK_THAT_RUNS = ("devices", "paths", "keys", "set", "send", "enter")
 OF_A_NETWORK_OR_A_RUN = ("spy", "live")
-UNTIL_CTRL_C = re.compile(r"qmn (live|spy(?! runs)|run keys(?!.*--seconds))")
+UNTIL_CTRL_C = re.compile(r"qmn (live|spy(?! runs)|run keys(?!.*--seconds)|enter tcpdump)")
 SECONDS = 20  # of these
 MININET = "sudo PYTHONPATH=. mn "
 PROMPTS = ("qmn> ", "mininet> ")
@@ -66,6 +67,7 @@ NOT_HERE = {
     r"qmn> .* swap 9": "tests/emulation/test_switch_swaps.py",
     r"qmn enter ovs-vsctl set": "takes c0 from the network that other commands share",
     rf"{re.escape(MININET)}.*light=standing": "tests/emulation/test_own_controller.py",
+    r"qmn enter --run ": "tests/emulation/test_own_namespaces.py, with two runs",
     r"qmn netqasm bell ": "tests/unit/applications/test_bundled_applications.py",
     r"cat > bell\.qasm|qmn .*bell\.qasm": "tests/unit/qmn/test_pages.py, with that file",
     r"sudo service openvswitch-switch start": "set-up: `qmn` itself looks for Open vSwitch",
@@ -170,6 +172,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("work")
     for own in ("docs", "examples"):
         (made / own).symlink_to(ROOT / own)
+    (made / "my-app").symlink_to(Path(netqasm.examples.apps.__file__).with_name("teleport"))
     (made / "big.bin").write_bytes(bytes(100_000))
     (made / "commands.txt").write_text("alice qsend bob hello\n")
     for _run in range(2):
@@ -207,7 +210,8 @@ def running(command: str, folder: Path, first: str = "") -> Iterator[str]:
 @pytest.fixture
 def network(folder: Path) -> Iterator[None]:
     """Have a network that runs, and has sent something."""
-    with running("qmn cli sdc --captures full", folder, "alice qsend bob hello\n") as printed:
+    command = "qmn cli sdc --captures full --device bob.compensator.retarders=3"
+    with running(command, folder, "alice qsend bob hello\n") as printed:
         assert "bob: hello" in printed
         yield
 
