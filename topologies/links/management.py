@@ -16,7 +16,7 @@ from mininet.node import Node
 
 from programs.shortest_paths import shortest
 from topologies.links.copper_link import CopperLink, delay_s, length_km
-from topologies.system.kernel.interfaces import PATIENT, network_of, switch_ipv6_off
+from topologies.system.kernel.interfaces import WITHOUT_SLOW_START, network_of, switch_ipv6_off
 from topologies.system.processes.commands import ip
 from topologies.system.runs.runtime import Runtime
 from wire.network_time import SteppedTime
@@ -56,7 +56,8 @@ def lay_management(
         if isinstance(network.time, SteppedTime):
             subnet = f"{NETWORK + 256 * number}/30"
             for source, device, commands in ((ours, bridge, inside), (theirs, far, outside)):
-                commands.append(f"route replace {subnet} dev {device} src {source} {PATIENT}")
+                route = f"route replace {subnet} dev {device} src {source}"
+                commands.append(f"{route} {WITHOUT_SLOW_START}")
         network.management.add(str(far))
         addresses[name] = ours
     with network_of(controller):

@@ -12,6 +12,7 @@ from topologies.links.keywords import refuse_unknown
 from topologies.nodes.node import QuantumNode
 from topologies.system.confinement.confinement import ConfinedNode
 from topologies.system.kernel.interfaces import (
+    HOST_WINDOW,
     PATIENT,
     finish_checksums,
     repeat_nothing,
@@ -100,7 +101,7 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
         And answer at once: what waits for an acknowledgement cannot be seen, and time would leap.
         No cable holds back what goes to and from the dispatcher; time stands until it has come.
         """
-        within(self, repeat_nothing)
+        within(self, repeat_nothing, HOST_WINDOW)
         dispatcher, _, _port = self.network.dispatcher.partition(":")
         route = self.cmd(f"ip -color=never route show dev {self.defaultIntf()}").strip()
         is_there = self.IP() == dispatcher

@@ -45,15 +45,13 @@ IFF_UP = 0x1
 TUN = "/dev/net/tun"  # by which programs make interfaces
 Result = TypeVar("Result")
 IPV6, IPV4 = Path("/proc/sys/net/ipv6/conf"), Path("/proc/sys/net/ipv4")
-# No probe for lost tails, no slow start after a pause, nothing held back to be sent with more. Not
-# more is under way than a switch in user space can hold: what it loses would come too late.
+# No probe for lost tails, no slow start after a pause, nothing held back to be sent with more.
 STEPPED_TCP = {
     "tcp_early_retrans": 0,
     "tcp_slow_start_after_idle": 0,
     "tcp_congestion_control": "reno",
     "tcp_autocorking": 0,
     "tcp_tso_win_divisor": 255,
-    "tcp_wmem": "4096 65536 65536",
     "tcp_synack_retries": 30,  # 5 end after 31 s of the wall, which c0 may hold what they wait for
 }
 # A question stays until it is answered, and an answer for good.
@@ -61,6 +59,11 @@ STEPPED_ARP = {"retrans_time_ms": 100_000, "base_reachable_time_ms": 1_000_000_0
 # Of a route in stepped time: TCP repeats after 100 s of the wall (120 s at most) what nobody has
 # acknowledged, and acknowledges at once, as time would leap while it held that back.
 PATIENT = "rto_min 100s quickack 1"
+# Of OpenFlow: TCP counts segments, and the machine decides how many messages are in one.
+WITHOUT_SLOW_START = f"{PATIENT} initcwnd 1000"
+# Bytes under way on a connection, at most: of a host as many as a switch in user space can hold,
+# for what it loses would come too late; of OpenFlow more than a controller has there at a time.
+HOST_WINDOW, OPENFLOW_WINDOW = 1 << 16, 6 << 20
 INTERFACES = Path("/sys/class/net")
 
 
@@ -112,12 +115,16 @@ def write_ipv6_off(*interfaces: str) -> None:
             (IPV6 / name / "disable_ipv6").write_text("1")
 
 
-def repeat_nothing() -> None:
+def repeat_nothing(window: int = OPENFLOW_WINDOW) -> None:
     """Have TCP of this thread's namespace neither repeat nor hold anything back by the wall.
 
     Nor ask again where neighbours of its interfaces are.
     """
-    for name, value in STEPPED_TCP.items():
+    windows = {
+        "tcp_wmem": f"4096 {window} {window}",
+        "tcp_rmem": f"4096 {OPENFLOW_WINDOW} {OPENFLOW_WINDOW}",
+    }
+    for name, value in (STEPPED_TCP | windows).items():
         (IPV4 / name).write_text(str(value))
     for interface in (IPV4 / "neigh").iterdir():
         for name, milliseconds in STEPPED_ARP.items():
