@@ -14,7 +14,7 @@ from typing import Any
 import grpc
 import pytest
 from forked_python import Forked
-from limits import SOON_S
+from limits import SOON_S, wait_until
 
 from hosts.quantum_socket import STACK_VARIABLE
 from qmn.running import network as running
@@ -65,7 +65,15 @@ class Scene:
             launches = [Launch(block=block, port="alice-q0") for block in blocks]
             send = Step(send=SendRequest(launches=launches, rate_hz=10**9))
             steps = [*(Step(create=create) for create in creates), send]
+            before = self._logged()
             self._perform("alice", [Order(number=1, steps=steps)])
+            self._await_lines(before + 3 * len(numbers))
+
+    def _await_lines(self, count: int) -> None:
+        wait_until(lambda: self._logged() >= count, "light to arrive")
+
+    def _logged(self) -> int:
+        return (self.folder / "quantum.log").read_bytes().count(b"\n")
 
     def tell(self, node: str, text: str, count: int) -> None:
         """Let a host say so often what it executes: an event each."""
